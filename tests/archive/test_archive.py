@@ -380,7 +380,7 @@ def test_refusals_before_any_work(tmp_path):
     robot, (path, *_) = write_robot(tmp_path), write_runs(tmp_path)
     lone = dynid("identify", robot, path, "-o", tmp_path / "out", "--memory", "200kB")
     assert "this run alone needs more work space than --memory allows" in refusal(lone)
-    for text in ("many", "0", "-4GB", "", "1e400", "4XB", "."):
+    for text in ("many", "0", "-4GB", "1e400", "4XB", "."):
         sentence = refusal(dynid("identify", robot, path, "-o", tmp_path / "out", f"--memory={text}"))
         assert "--memory must be a size such as 500MB or 4GB" in sentence
     assert not (tmp_path / "out").exists()

@@ -147,7 +147,7 @@ IDENTIFIED = SETS | {
 SLACK = 1.1
 """Another machine, another library of linear algebra: errors may be so many times those below."""
 REACHED: dict[str, Reached] = {
-    "ar5": Reached((0.010, 0.085, 0.052, 0.041, 0.148, 0.066, 0.087), 11, 0.34, 0.19),
+    "ar5": Reached((0.026, 0.098, 0.065, 0.039, 0.148, 0.067, 0.087), 10, 0.34, 0.19),
     "tx40": Reached((0.022, 0.033, 0.027, 0.063, 0.494, 0.246), 6, 1.02, 0.75),
     "ur10": Reached((0.050, 0.037, 0.036, 0.060, 0.111, 0.105), 2, 1.01, 0.59),
     "lwr": Reached((0.255, 0.013, 0.165, 0.031, 0.432, 0.427, 0.306), 8, 1.38, 0.36),

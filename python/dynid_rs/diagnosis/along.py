@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings
 from dynid_rs.diagnosis.candidates import Candidate, with_slopes
-from dynid_rs.diagnosis.doubts import SHAPE_SPREAD, other_roundings
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.structural import KINDS

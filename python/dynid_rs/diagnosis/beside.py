@@ -9,14 +9,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
-from dynid_rs.diagnosis.doubts import doubts
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
-from dynid_rs.identification.loads import load_rows
+from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.identification.loads import link_load, load_rows
+from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression.kept_columns import effect_rows
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, fits, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
+from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -24,11 +28,20 @@ BoolArray = NDArray[np.bool_]
 TRUSTING = ((0.3, 1.0), (1.0, 1.0))
 """Width and centre of priors under which the robot file is believed: what an effect is told from that base parameters
 could imitate."""
+SHAPE_SPREAD = 0.3
+"""How far the logarithm of a shape of friction may be off where the fit has it."""
+
 
 FAR = 20.0
 """Nats that the noise, estimated anew, does not make up for between two priors."""
 FORGETS = 1.2
 """Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
+WIDER = (0.7, 1.0, 1.4)
+"""Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
+YIELDS = 1e-3
+"""Usual yielding of a gear [rad]: three arc minutes under the load that it usually has."""
+NEVER = 1e9
+"""Velocity [rad/s] at which a Stribeck part falls that is a rounded sign alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +56,19 @@ class Beside:
         """Model of a fit, the shapes of its friction and the gains that it estimated among the unknowns."""
         posterior, observations = fit.links_.posterior_, fit.observations_
         assert posterior is not None  # every fit that is diagnosed has the weak prior
-        plan = observations.plan
+        plan, n = observations.plan, fit.robot.n_joints
         model = posterior.model(plan, observations.joint_rows())
         load = load_rows(observations, fit.links_)
-        scales: list[Columns] = [
+        further: list[Columns] = [
             {j: SCALE_SPREAD * load[j][:, None]} for j in np.flatnonzero(posterior.scale != 1.0).tolist()
         ]
-        model = model.beside(*scales, *doubts(fit))
+        for j in range(n):
+            further.append({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
+            further.append({j: SHAPE_SPREAD * other_roundings(fit, j)})
+        between = between_encoders(fit)
+        if between.size:
+            further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
+        model = model.beside(*further, *yielding(fit))
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
@@ -150,3 +169,74 @@ def places_of(hypotheses: Sequence[Hypothesis]) -> dict[Place, list[int]]:
     for k, h in enumerate(hypotheses):
         places.setdefault(h.place, []).append(k)
     return places
+
+
+def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
+    """What joint j's Coulomb torque would be more with a tanh in the place of its own sign, (n_rows, k)."""
+    friction, at = fit.observations_.plan.friction
+    usual = tanh_widths(friction)
+    coulomb = fit.links_.own_[j, at][0]
+    n = fit.robot.n_joints
+    own = _sign(fit, friction, j)
+    columns = []
+    for factor in WIDER:
+        tanh = _core.Effect.of(
+            "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=factor * usual
+        )
+        columns.append(coulomb * (_sign(fit, tanh, j) - own))
+    return np.stack(columns, axis=1)
+
+
+def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
+    """By how much two encoders show other accelerations, over those accelerations, (n_rows, n_joints or none).
+
+    The steps of a coarse encoder are noise that links multiply with their inertia: whatever the finer one shows in the
+    place of it explains that noise, and is no torque.
+    """
+    if not any(states.two_encoders for states in fit.runs_):
+        return np.empty((0, 0))
+    link, motor = (
+        np.concatenate([states.in_band(getattr(states, name)) for states in fit.runs_]) for name in ("ddq", "ddq_motor")
+    )
+    size = np.sqrt(np.mean(link**2, axis=0))
+    between: FloatArray = (motor - link)[:, size > 0] / size[size > 0]
+    return between
+
+
+def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
+    """Change of all joints' torque if a gear yielded by `YIELDS` under its usual load, one column per joint.
+
+    With one encoder, on the motor's side, a link is not where it is read to be but hangs behind by its load.
+    """
+    if any(states.two_encoders for states in fit.runs_):
+        return []
+    about, load = About.of(fit), link_load(fit.observations_.plan, fit.links_)
+    bent = [load(states) for states in fit.runs_]
+    size = np.sqrt(np.mean(np.concatenate(bent) ** 2, axis=0))
+    found = []
+    for j in np.flatnonzero(size > 0).tolist():
+        slopes = []
+        for states, tau in zip(fit.runs_, bent, strict=True):
+            behind = YIELDS * tau[:, j] / size[j]
+            rate = slope(behind, states.rate)
+            moved = behind, rate, slope(rate, states.rate)
+            ends = []
+            for sign in (-0.5, 0.5):
+                motion = [x.copy() for x in (states.q, states.dq, states.ddq)]
+                for x, change in zip(motion, moved, strict=True):
+                    x[:, j] += sign * change
+                q, dq, ddq = motion
+                ends.append(fit.robot.inverse_dynamics(q, dq, ddq, about.phi))
+            slopes.append((ends[0] - ends[1])[:, :, None])
+        found.append(about.in_band(slopes))
+    return found
+
+
+def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
+    """Rounded sign of joint j's speed in the band, (n_rows,): a law's Coulomb columns taken together."""
+    names = list(effect.coefficient_names)
+    at = [k for k, name in enumerate(names) if name == "coulomb" or name.startswith(("coulomb_p", "coulomb_n", "stri"))]
+    parts = []
+    for states in fit.runs_:
+        parts.append(effect_rows(effect, states, j)[:, at].sum(axis=1))
+    return np.concatenate(parts)

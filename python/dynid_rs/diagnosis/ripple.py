@@ -88,7 +88,7 @@ class Line:
 
 def find_ripple(setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]) -> list[Family]:
     """Lines of every turning joint in what `fit` leaves of the training runs at full rate, as families."""
-    delay = setup.delays
+    delay = setup.torque_delay
     residuals = [run.less_torque_delay(delay).tau - fit.predict(run, torque_delay=delay) for run in train]
     moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in train]
     found = []

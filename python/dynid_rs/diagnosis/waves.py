@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.doubts import NEVER
+from dynid_rs.diagnosis.beside import NEVER
 from dynid_rs.diagnosis.hypotheses import USUAL, Catalogue, Hypothesis, standardised
 from dynid_rs.identification.smooth_friction import tanh_widths
 from dynid_rs.model.placed import CATALOGUE
