@@ -102,6 +102,10 @@ def test_another_step_is_another_number_of_states(model, states):
     assert np.count_nonzero(status & SETTLING) == 2
     with pytest.raises(ValueError, match="step is outside its range"):
         late.evaluate(**states, step=1e-7)
+    # What lies between an early and a late channel is kept whole: 8000 steps.
+    apart = model.with_torque_delay([-0.4, 0.4, 0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="step is outside its range"):
+        apart.evaluate(**states, step=1e-4)
 
 
 @pytest.mark.parametrize("delay", [0.5000001, -0.6, np.nan, np.inf])

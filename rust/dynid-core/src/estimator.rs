@@ -204,15 +204,18 @@ impl TorqueEstimator {
 
     /// Goes over a record, in which states are known before their time: how far ahead of every sample the next ones have to
     /// be taken \[s\], zero or negative, for channels that are early.
-    pub fn look_ahead(&mut self) -> f64 {
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if the step is so short that the delays between channels ask for too many of them.
+    pub fn look_ahead(&mut self) -> Result<f64, CoreError> {
         let delays = self.own.model.torque_delay().iter();
         let lead = delays.copied().fold(0.0, f64::min);
         if lead != self.lead {
-            // As many rows as the model was checked for.
-            self.late = Late::of(&self.own.model, lead, self.own.step).unwrap_or_default();
+            let late = Late::of(&self.own.model, lead, self.own.step);
+            self.late = late.ok_or(CoreError::Range { what: "step" })?;
             self.lead = lead;
         }
-        lead
+        Ok(lead)
     }
 
     /// The same estimator, which evaluates a state beyond the model's limits as it came; the status says so all the same.

@@ -265,9 +265,12 @@ impl TorqueModel {
             let step = self.step.ok_or(CoreError::NoStep { kind })?;
             // From the earliest channel to the latest one, which is what is to be kept of a record.
             let (shared, own) = shared_and_own(delays, -MOST_TORQUE_DELAY);
-            let longest = own.iter().copied().fold(shared.abs(), f64::max);
-            let n_rows = n_delay_rows(longest, step).ok_or(CoreError::Range { what })?;
-            if n_rows * self.n_terms() * delays.len() > MOST_DELAY_VALUES {
+            let between = own.iter().copied().fold(0.0, f64::max);
+            n_delay_rows(shared.abs(), step).ok_or(CoreError::Range { what })?;
+            let n_rows = n_delay_rows(between, step).ok_or(CoreError::Range { what })?;
+            // Every term, and the variance.
+            let width = (self.n_terms() + 1) * delays.len();
+            if between > 0.0 && n_rows * width > MOST_DELAY_VALUES {
                 let what = "torque_delay (as many steps of as many terms)";
                 return Err(CoreError::Range { what });
             }

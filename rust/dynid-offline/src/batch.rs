@@ -271,7 +271,7 @@ fn each(
 ) -> Result<(), CoreError> {
     let n = estimator.model().robot().n_joints();
     states.check(n_samples * n)?;
-    let mut ahead = Ahead::of(estimator.look_ahead(), estimator.step(), n);
+    let mut ahead = Ahead::of(estimator.look_ahead()?, estimator.step(), n);
     for k in 0..n_samples {
         match &mut ahead {
             None => {
