@@ -70,6 +70,19 @@ def test_a_late_torque_channel(tmp_path):
         assert f"{significant(error)} N*m (in motion, below 5 Hz, as in result.json)" in said
 
 
+def test_one_torque_channel_that_is_late_by_itself(tmp_path):
+    runs, delay = [columns_of(recording) for recording in measured(seed=3)], 0.01
+    for columns in runs:
+        columns["tau_1"] = early(columns, -delay)["tau_1"]
+    result, paths = diagnosed(tmp_path, runs)
+    assert [(entry["kind"], entry["joints"]) for entry in result["effects"]] == [("torque_delay", ["elbow"])]
+    model = TorqueModel.load(tmp_path / "found" / "model.json")
+    np.testing.assert_allclose(model.torque_delay, [0.0, delay, 0.0], atol=2e-3)
+    test = result["rmse"]["test"]
+    assert test["after"][1] < 0.7 * test["before"][1]
+    assert_told_again(result, tmp_path, paths)
+
+
 def test_an_early_torque_channel(tmp_path):
     """Offline the states that the channel shows the torque of stand in the record."""
     runs = [early(columns_of(recording), 0.01) for recording in measured(seed=3)]

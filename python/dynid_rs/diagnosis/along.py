@@ -198,7 +198,7 @@ class Along:
         shaped = [Shaped(c.kind, c.joints, c.shape) for c in placed]
         found = {} if catalogue is None else dict(zip(placed, catalogue.of(shaped), strict=True))
         about = About(fit, asked.about.phi, asked.about.root)
-        for kind in sorted({c.kind for c in candidates} & set(KINDS)):
+        for kind in sorted({c.kind for c in candidates if is_designable(c)} & set(KINDS)):
             there = {h.place: h for h in KINDS[kind](about, asked.setup)}
             found |= {c: there[c.place] for c in candidates if c.place in there}
         columns = [_in_units(found[c], c) if c in found else {} for c in candidates]

@@ -144,7 +144,7 @@ class _Errors:
         loaded = with_load(self._plan, fit.links_, fit.links_.own_)
         parts = []
         for recording in test:
-            states = fit.states(recording.less_torque_delay(self._found.setup.torque_delay))
+            states = fit.states(recording.less_torque_delay(self._found.setup.delays))
             states = states.aligned(fit.model_.encoder_delay, fit.model_.encoder_error)
             parts.append(run_rows(self._plan, loaded(states), states.tau))
         rows = [np.concatenate([part[j] for part in parts]) for j in range(len(parts[0]))]

@@ -19,6 +19,7 @@ from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.one_clock import share_a_clock
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.rivals import contest, is_one_cause
 from dynid_rs.diagnosis.settling import settle
@@ -88,6 +89,7 @@ def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
         if not found:
             return
         found = accept(belief, found, refused)
+        share_a_clock(belief)
         dropped = backward(belief)
         if found and {named.hypothesis.place for named in found} <= dropped:
             return  # all that was added is gone again: the next round would only do the same

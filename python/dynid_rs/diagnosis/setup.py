@@ -34,7 +34,9 @@ class Setup:
     encoder_error : ndarray (n_joints, 2)
         Cosine and sine parts [rad] of what the link encoder shows too much: `e_c cos q + e_s sin q`.
     torque_delay : float
-        How late the torque channel is [s]; drives share a clock.
+        How late the torque channels are [s]; drives share a clock.
+    own_delay : ndarray (n_joints,)
+        How much later than that the channel of each joint is [s].
     excluded : mapping of str to windows
         Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
     options : mapping
@@ -49,6 +51,7 @@ class Setup:
     gain_joints: tuple[int, ...] = ()
     encoder_error: FloatArray = None  # type: ignore[assignment]
     torque_delay: float = 0.0
+    own_delay: FloatArray = None  # type: ignore[assignment]
     excluded: Mapping[str, Windows] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: _core.RobotModel = None  # type: ignore[assignment]
@@ -59,6 +62,13 @@ class Setup:
             object.__setattr__(self, "declared", self.robot)
         if self.encoder_error is None:
             object.__setattr__(self, "encoder_error", np.zeros((n, 2)))  # the only way in, the class is frozen
+        if self.own_delay is None:
+            object.__setattr__(self, "own_delay", np.zeros(n))
+
+    @property
+    def delays(self) -> FloatArray:
+        """How late the torque channel of each joint is [s], (n_joints,)."""
+        return self.torque_delay + self.own_delay
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
@@ -67,7 +77,7 @@ class Setup:
             "held": self.held,
             "free_gains": self.gain_joints,
             "encoder_error": self.encoder_error,
-            "torque_delay": self.torque_delay,
+            "torque_delay": self.delays,
             "excluded": dict(self.excluded) or None,
         }
         return ThreeLoopIdentifier(self.robot, **{"friction_law": "smooth", **parts, **self.options, **options})
@@ -82,4 +92,5 @@ def believed(declared: Setup, found: Setup) -> Setup:
         gain_joints=found.gain_joints,
         encoder_error=found.encoder_error,
         torque_delay=found.torque_delay,
+        own_delay=found.own_delay,
     )

@@ -27,9 +27,10 @@ import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.loop import diagnose
-from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.structural import structural_hypotheses, undone
+from dynid_rs.diagnosis.setup import Setup, believed
+from dynid_rs.diagnosis.structural import structural_hypotheses, undone, value_of, with_value
 from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.diagnosis.structural.torque_delay import later
 from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
@@ -156,7 +157,9 @@ def test_columns_of_a_late_channel_are_those_of_a_shifted_clock():
     runs = measured(n_runs=2)
     setup = Setup(ROBOT)
     fit = fitted(setup, runs)
-    (h,) = structural_hypotheses(fit, setup, ["torque_delay"])
+    h, *alone = structural_hypotheses(fit, setup, ["torque_delay"])
+    assert [one.joints for one in alone] == [(0,), (1,), (2,)]
+    assert all(np.array_equal(one.columns[j], h.columns[j]) for one in alone for j in one.joints)
     late = 2e-3
     shown = []
     for states in fit.raw_runs_:
@@ -280,3 +283,19 @@ def test_a_lone_joint_that_slides_along_gravity_has_no_tilt_to_look_for():
     )
     found = found_in(recorded(rigid(robot)), robot)
     assert names(found) == set()
+
+
+def test_what_all_channels_have_and_what_one_has_beyond_it_are_two_changes():
+    every, one, declared = ("torque_delay", (0, 1, 2)), ("torque_delay", (1,)), Setup(ROBOT)
+    setup = with_value(with_value(declared, *every, np.array([0.004])), *one, np.array([0.002]))
+    assert_allclose(setup.delays, [0.004, 0.006, 0.004])
+    assert_allclose([value_of(setup, *place)[0] for place in (every, one)], [0.004, 0.002])
+    assert_allclose(undone(setup, declared, *every).delays, [0.0, 0.002, 0.0])
+    assert_allclose(undone(setup, declared, *one).delays, [0.004] * 3)
+    assert_allclose(believed(declared, setup).delays, setup.delays)
+    # In steps, and never further than a model can hold.
+    assert_allclose(later((1,), setup, np.array([1.0])).delays, [0.004, 0.026, 0.004])
+    edge = with_value(declared, *every, np.array([0.495]))
+    assert_allclose(later((1,), edge, np.array([1.0])).delays.max(), 0.5)
+    assert_allclose(later((1,), setup, np.array([-0.01])).delays, [0.004] * 3)  # what lags is its encoder
+    assert_allclose(later((0, 1, 2), setup, np.array([-1.0])).delays, [-0.016, -0.014, -0.016])

@@ -17,7 +17,7 @@ from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structural.encoder_eccentricity import eccentricity_hypotheses
 from dynid_rs.diagnosis.structural.gravity_tilt import tilt_hypotheses
 from dynid_rs.diagnosis.structural.kinematic_error import kinematic_hypotheses
-from dynid_rs.diagnosis.structural.torque_delay import delay_hypotheses
+from dynid_rs.diagnosis.structural.torque_delay import delay_hypotheses, delay_of, with_delay
 from dynid_rs.diagnosis.structural.torque_gain import gain_hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placement import displacement, tilt_of, tilted_gravity, with_displacement
@@ -36,7 +36,7 @@ REFITTED = tuple(kind for kind in KINDS if kind != "torque_gain")
 def undone(setup: Setup, declared: Setup, kind: str, joints: tuple[int, ...]) -> Setup:
     """Return the setup with one change of structure back where `declared` has it."""
     if kind == "torque_delay":
-        return replace(setup, torque_delay=declared.torque_delay)
+        return with_delay(setup, joints, float(delay_of(declared, joints)[0]))
     if kind == "torque_gain":
         return replace(setup, gain_joints=tuple(j for j in setup.gain_joints if j not in joints))
     if kind == "encoder_eccentricity":
@@ -52,7 +52,7 @@ def undone(setup: Setup, declared: Setup, kind: str, joints: tuple[int, ...]) ->
 def value_of(setup: Setup, kind: str, joints: tuple[int, ...]) -> FloatArray:
     """What a change of structure is now, (k,), in the order of its hypothesis."""
     if kind == "torque_delay":
-        return np.array([setup.torque_delay])
+        return delay_of(setup, joints)
     if kind == "encoder_eccentricity":
         error: FloatArray = setup.encoder_error[joints[0]]
         return error
@@ -75,7 +75,7 @@ def with_value(setup: Setup, kind: str, joints: tuple[int, ...], x: FloatArray) 
     if x.shape != (n_numbers,):
         raise ValueError(f"{kind} has {n_numbers} numbers, found {x.size}")
     if kind == "torque_delay":
-        return replace(setup, torque_delay=float(x[0]))
+        return with_delay(setup, joints, float(x[0]))
     if kind == "encoder_eccentricity":
         error = setup.encoder_error.copy()
         error[joints[0]] = x

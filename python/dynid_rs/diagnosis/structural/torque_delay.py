@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +26,25 @@ MOST = 0.5
 
 
 def delay_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
-    """One for all joints together: drives share a clock, and physics that lags on one joint looks like a late drive."""
+    """One for all joints together, as drives share a clock, and one for each joint that is late by itself.
+
+    All encoders together may be late instead, those of one joint are another matter: one torque is never early.
+    """
+    every = tuple(range(setup.robot.n_joints))
+    columns = standardised(lateness(about.fit), USUAL)
+    alone = [(j,) for j in every if len(every) > 1]
     return [
         Hypothesis(
             "torque_delay",
-            tuple(range(setup.robot.n_joints)),
+            joints,
             ("delay",),
             ("s",),
-            standardised(lateness(about.fit), USUAL),
+            {j: columns[j] for j in joints},
             USUAL,
-            np.array([[-np.inf, np.inf]]),
-            later,
+            np.array([[0.0 if len(joints) < len(every) else -np.inf, np.inf]]),
+            partial(later, joints),
         )
+        for joints in [every, *alone]
     ]
 
 
@@ -50,7 +58,28 @@ def lateness(fit: ThreeLoopIdentifier) -> dict[int, FloatArray]:
     return {j: np.ascontiguousarray(stacked[:, j : j + 1]) for j in range(stacked.shape[1])}
 
 
-def later(setup: Setup, x: FloatArray) -> Setup:
-    """Return the setup with the torque channel later by x (1,) [s], at most by `LARGEST` at once."""
-    delay = setup.torque_delay + float(np.clip(x[0], -LARGEST, LARGEST))
-    return replace(setup, torque_delay=float(np.clip(delay, -MOST, MOST)))
+def later(joints: tuple[int, ...], setup: Setup, x: FloatArray) -> Setup:
+    """Return the setup with the joints' torque channels later by x (1,) [s], at most by `LARGEST` at once."""
+    (before,) = delay_of(setup, joints)
+    longest = MOST - float(np.abs(setup.delays[list(joints)] - before).max())
+    earliest = -longest if _together(setup, joints) else 0.0
+    delay = before + float(np.clip(x[0], -LARGEST, LARGEST))
+    return with_delay(setup, joints, float(np.clip(delay, earliest, longest)))
+
+
+def delay_of(setup: Setup, joints: tuple[int, ...]) -> FloatArray:
+    """Delay [s] (1,) that is all joints' together, or what one joint has beyond that."""
+    return np.array([setup.torque_delay if _together(setup, joints) else setup.own_delay[joints[0]]])
+
+
+def with_delay(setup: Setup, joints: tuple[int, ...], delay: float) -> Setup:
+    """Return the setup with `delay_of` these joints at `delay` [s]."""
+    if _together(setup, joints):
+        return replace(setup, torque_delay=delay)
+    own = setup.own_delay.copy()
+    own[list(joints)] = delay
+    return replace(setup, own_delay=own)
+
+
+def _together(setup: Setup, joints: tuple[int, ...]) -> bool:
+    return len(joints) == setup.robot.n_joints
