@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings
+from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings, other_time
 from dynid_rs.diagnosis.candidates import Candidate, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped
 from dynid_rs.diagnosis.open_questions import OpenQuestions
@@ -211,7 +211,11 @@ class Along:
         return [
             {j: SHAPE_SPREAD * columns}
             for j in self.joints
-            for columns in (shape_slopes(self.asked.plan, self.asked.links, fit.runs_, j), other_roundings(fit, j))
+            for columns in (
+                shape_slopes(self.asked.plan, self.asked.links, fit.runs_, j),
+                other_roundings(fit, j),
+                other_time(fit, j),
+            )
         ]
 
 

@@ -20,6 +20,7 @@ from dynid_rs.regression.kept_columns import effect_rows
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, fits, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
+from dynid_rs.runs.preprocessing import States
 from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
@@ -65,6 +66,7 @@ class Beside:
         for j in range(n):
             further.append({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
             further.append({j: SHAPE_SPREAD * other_roundings(fit, j)})
+            further.append({j: SHAPE_SPREAD * other_time(fit, j)})
         between = between_encoders(fit)
         if between.size:
             further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
@@ -177,14 +179,30 @@ def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
     usual = tanh_widths(friction)
     coulomb = fit.links_.own_[j, at][0]
     n = fit.robot.n_joints
-    own = _sign(fit, friction, j)
+    own = _sign(fit.runs_, friction, j)
     columns = []
     for factor in WIDER:
         tanh = _core.Effect.of(
             "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=factor * usual
         )
-        columns.append(coulomb * (_sign(fit, tanh, j) - own))
+        columns.append(coulomb * (_sign(fit.runs_, tanh, j) - own))
     return np.stack(columns, axis=1)
+
+
+def other_time(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
+    """Change of joint j's friction if it turned round at another time, as large as that of another width, (n_rows, 1).
+
+    A law that is not quite right turns round too soon or too late; no channel has another clock for that.
+    """
+    friction, _ = fit.observations_.plan.friction
+    ends = []
+    for samples in (0.5, -0.5):
+        moved = [replace(s, dq_motor=s.dq_motor + samples / s.rate * s.ddq_motor) for s in fit.runs_]
+        ends.append(_sign(moved, friction, j))
+    turns = ends[0] - ends[1]
+    width = shape_slopes(fit.observations_.plan, fit.links_, fit.runs_, j)[:, 0]
+    size = max(float(np.linalg.norm(turns)), 1e-300)
+    return turns[:, None] * (float(np.linalg.norm(width)) / size)
 
 
 def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
@@ -232,11 +250,11 @@ def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
     return found
 
 
-def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
+def _sign(runs: Sequence[States], effect: _core.Effect, j: int) -> FloatArray:
     """Rounded sign of joint j's speed in the band, (n_rows,): a law's Coulomb columns taken together."""
     names = list(effect.coefficient_names)
     at = [k for k, name in enumerate(names) if name == "coulomb" or name.startswith(("coulomb_p", "coulomb_n", "stri"))]
     parts = []
-    for states in fit.runs_:
+    for states in runs:
         parts.append(effect_rows(effect, states, j)[:, at].sum(axis=1))
     return np.concatenate(parts)
