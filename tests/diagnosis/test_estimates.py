@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynid_rs.diagnosis.estimates import _interval, _scatter
+from dynid_rs.diagnosis.estimates import Estimate, _interval, _scatter, is_told
 from dynid_rs.diagnosis.gear_model import Flat
 from dynid_rs.regression.linear_model import Choice, LinearModel
 
@@ -43,3 +43,25 @@ def test_a_coefficient_that_changes_from_part_to_part_is_known_no_better_than_th
     # Eight coefficients of spread 0.5 have a mean that is known to 0.5 / sqrt(8) = 0.18.
     assert known < 0.03
     assert 0.07 < scattered < 0.4
+
+
+def number(name, *interval):
+    return Estimate(name, 0, 0.5, interval or None, "1")
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "told"),
+    [
+        ("stribeck", [number("stribeck_pos", 0.0, 1.0), number("stribeck_neg", 0.2, 1.0)], True),  # one will do
+        ("stribeck", [number("stribeck_pos", 0.0, 1.0), number("stribeck_neg", 0.0, 1.0)], False),
+        ("stribeck", [number("stribeck_pos", 0.0, 1.0), number("stribeck_velocity", 0.1, 1.0)], False),  # a shape
+        ("joint_spring", [number("spring_stiffness", -1.0, 1.0)], False),
+        ("joint_spring", [number("spring_stiffness", -1.0, -0.1)], True),
+        ("joint_spring", [number("spring_stiffness")], False),
+        ("torque_delay", [number("delay", -1e-4, 1e-5)], False),
+        ("torque_delay", [number("delay", 1e-5, 1e-4)], True),
+        ("gravity_tilt", [number("roll", -1.0, 1.0), number("pitch", 0.1, 1.0)], True),
+    ],
+)
+def test_an_effect_has_a_size_where_one_of_its_sizes_is_not_zero(kind, numbers, told):
+    assert is_told(kind, numbers) is told

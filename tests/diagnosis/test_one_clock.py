@@ -10,7 +10,7 @@ from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.one_clock import _log_density, share_a_clock
 from dynid_rs.diagnosis.search import accept, name
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.standing import standing
+from dynid_rs.diagnosis.standing import sized, standing
 from dynid_rs.diagnosis.structural import structural_hypotheses
 
 TOGETHER = ("torque_delay", (0, 1, 2))
@@ -58,6 +58,13 @@ def test_others_keep_a_name_each(delays):
 def test_one_name_has_nothing_to_share():
     belief = named_alone(late([0.0, 0.012, 0.0]), (1,))
     assert not share_a_clock(belief)
+
+
+def test_a_delay_of_no_size_goes():
+    belief = named_alone(late([0.0, 0.012, 0.0]), (0, 1))
+    sized(belief)
+    assert set(belief.named) == {("torque_delay", (1,))}
+    assert_allclose(belief.setup.own_delay[[0, 2]], 0.0)
 
 
 def test_the_search_comes_to_one_clock():

@@ -12,13 +12,13 @@ from dynid_rs.base.odds import p_value
 from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
-from dynid_rs.diagnosis.estimates import Estimate, estimates
+from dynid_rs.diagnosis.estimates import Estimate, estimates, is_told
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loads import with_load
-from dynid_rs.model.placed import PlacedEffect
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.columns import run_rows
 from dynid_rs.regression.error_interval import interval_of_change
 from dynid_rs.regression.evaluation import rmse
@@ -65,6 +65,9 @@ def effect_entries(
             entry |= untold(kind, nameless[place], names)
         elif not all(is_one_cause(kind, other) for (other, _), _ in named.ties):  # one or the other
             entry |= {"kind": "unknown", "told_as": kind}
+        elif effect is not None and not is_told(kind, known[place]):  # it predicts, but its size may be none
+            signal = CATALOGUE[kind]["signals"][0]
+            entry |= untold(kind, Argument(tuple((1.0, (signal, j)) for j in joints)), names)
         entries.append(entry)
     return entries
 

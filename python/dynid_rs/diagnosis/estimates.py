@@ -90,6 +90,13 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     return known
 
 
+def is_told(kind: str, numbers: Sequence[Estimate]) -> bool:
+    """Whether some size of an effect is not zero, at 95 %: its shapes alone are no effect."""
+    sizes = {c["name"] for c in CATALOGUE[kind]["coefficients"]} if kind in CATALOGUE else None
+    known = [one.interval for one in numbers if (sizes is None or one.name in sizes) and one.interval is not None]
+    return any(not low <= 0.0 <= high for low, high in known)
+
+
 def _any_rounding(found: Belief, effect: PlacedEffect, places: Sequence[int]) -> Columns:
     """What the whole friction of the effect's first joint would be more with its sign rounded in another way.
 

@@ -25,7 +25,7 @@ from dynid_rs.diagnosis.rivals import contest, is_one_cause
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup, believed
 from dynid_rs.diagnosis.shapes import polished
-from dynid_rs.diagnosis.standing import backward, harmless
+from dynid_rs.diagnosis.standing import backward, harmless, sized
 from dynid_rs.diagnosis.structural import REFITTED
 from dynid_rs.diagnosis.trials import Value, blocks, evidence, helps, is_stable, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -77,6 +77,7 @@ def look(belief: Belief, on_progress: Callable[[str], None]) -> None:
         name(belief, on_progress)  # beside another kind another one may be missing
     settle(belief)
     backward(belief, SURE)
+    sized(belief)
     harmless(belief)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.estimates import estimates, is_told
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
@@ -81,6 +82,22 @@ def _gains(belief: Belief) -> dict[Place, float]:
             z = float(np.log(scale[joints[0]])) / spread
             factors[kind, joints] = 0.5 * z**2 + float(np.log(spread / usual))
     return factors
+
+
+def sized(belief: Belief) -> None:
+    """Take out changes of structure that have no size, the least certain first: all they say may as well be zero.
+
+    Evidence is that of the likeliest shapes. With those of all names and of friction unknown together, and other in
+    every part of the data, what is likely may turn out to be what they can be as well. (A torque that has no size stays
+    for what it predicts, without a name: `entries.py`.)
+    """
+    while True:
+        known = estimates(belief)
+        structure = [h.place for h in belief.structure() if h.place != belief.mounting]
+        at = [place for place in structure if not is_told(place[0], known[place])]
+        if not at:
+            return
+        belief.remove(min(at, key=lambda place: belief.named[place].log_odds))
 
 
 def harmless(belief: Belief) -> None:
