@@ -38,16 +38,9 @@ impl Sampling {
             .map_init(Vec::new, |work, block| {
                 let first = block * LANES;
                 let used = LANES.min(width - first);
-                let mut samples: Vec<[f64; LANES]> = raw
-                    .chunks_exact(width)
-                    .map(|row| {
-                        let mut lanes = [0.0; LANES];
-                        lanes[..used].copy_from_slice(&row[first..first + used]);
-                        lanes
-                    })
-                    .collect();
-                self.filter.apply(&mut samples, work);
-                self.kept.iter().map(|&k| samples[k]).collect()
+                self.filter.apply_to(raw, width, first..first + used, work);
+                let pad = self.filter.min_samples() - 1;
+                self.kept.iter().map(|&k| work[pad + k]).collect()
             })
             .collect()
     }
