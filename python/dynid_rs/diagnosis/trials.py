@@ -154,18 +154,19 @@ def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Seque
     """Whether no rival on its joints refutes the name in most halves of the data."""
     rng = np.random.default_rng(0)
     hypotheses = [best.hypothesis, *(rival.hypothesis for rival in rivals)]
-    first = 0
-    for _ in range(N_HALVES):
-        half = np.any([parts[k] for k in rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False)], axis=0)
+    halves = [rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False) for _ in range(N_HALVES)]
+
+    def comes_first(blocks: NDArray[np.intp]) -> bool:
+        half = np.any([parts[k] for k in blocks], axis=0)
         within, parts_of = beside.within(half), [_within(h, half) for h in hypotheses]
         values = [score.value for score in within.screened(parts_of)]
         if values[0] > max(values) - SURE:
-            first += 1
-            continue
+            return True
         # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
         ahead = int(np.argmax(values))
-        first += within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
-    return first >= FIRST_IN
+        return within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
+
+    return sum(side_by_side(comes_first, halves)) >= FIRST_IN
 
 
 def _within(hypothesis: Hypothesis, kept: BoolArray) -> Hypothesis:
