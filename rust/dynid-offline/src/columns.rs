@@ -175,7 +175,8 @@ pub(crate) fn columns(
     if out.is_empty() {
         return out;
     }
-    if effect.entry().memory > 0 {
+    // Of one joint they are done before the pool has woken.
+    if effect.entry().memory > 0 || joints.len() == 1 {
         fill(0, &mut out);
     } else {
         out.par_chunks_mut(CHUNK * joints.len() * width)

@@ -56,23 +56,23 @@ pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<V
         };
         problems.push((joints, *n, prior, noise));
     }
-    let solved: Result<Vec<_>, OfflineError> = py.detach(|| {
-        problems
-            .par_iter()
-            .map(|(joints, n, prior, noise)| {
-                // A negative place is beyond all unknowns, and told as such.
-                let places: Vec<Vec<usize>> = joints
-                    .iter()
-                    .map(|(_, places)| places.iter().map(|at| *at as usize).collect())
-                    .collect();
-                let joints: Vec<_> = joints
-                    .iter()
-                    .zip(&places)
-                    .map(|((gram, _), places)| JointGram { gram, places })
-                    .collect();
-                solve(&joints, *n, *prior, *noise)
-            })
-            .collect()
+    let solved = |problem: &(Vec<(&[f64], &[isize])>, usize, NormalPrior<'_>, Noise<'_>)| {
+        let (joints, n, prior, noise) = problem;
+        // A negative place is beyond all unknowns, and told as such.
+        let places: Vec<Vec<usize>> = joints
+            .iter()
+            .map(|(_, places)| places.iter().map(|at| *at as usize).collect())
+            .collect();
+        let joints: Vec<_> = joints
+            .iter()
+            .zip(&places)
+            .map(|((gram, _), places)| JointGram { gram, places })
+            .collect();
+        solve(&joints, *n, *prior, *noise)
+    };
+    let solved: Result<Vec<_>, OfflineError> = py.detach(|| match problems.as_slice() {
+        [one] => solved(one).map(|found| vec![found]), // to wake the pool takes longer
+        many => many.par_iter().map(solved).collect(),
     });
     let answer = |found: dynid_offline::Likeliest| {
         Ok((
