@@ -169,10 +169,11 @@ class Block:
         """Rows per joint."""
         return len(self.rows[0]) if self.stands_for is None else self.stands_for[0]
 
-    @property
+    @cached_property
     def counted(self) -> NDArray[np.bool_]:
         """Joints that move at the rows, (n_rows, n_joints): zeros say nothing."""
-        return np.stack([part.any(axis=1) for part in self.rows], axis=1)
+        counted: NDArray[np.bool_] = np.stack([part.any(axis=1) for part in self.rows], axis=1)
+        return counted
 
     @property
     def n_counted(self) -> NDArray[np.int64]:
@@ -192,7 +193,7 @@ class Observations:
         """Rows per joint over all blocks."""
         return sum(block.n_rows for block in self.blocks)
 
-    @property
+    @cached_property
     def n_counted(self) -> NDArray[np.int64]:
         """Rows of every joint in which it moves, (n_joints,)."""
         total: NDArray[np.int64] = np.sum([block.n_counted for block in self.blocks], axis=0)
