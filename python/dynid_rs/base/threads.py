@@ -55,5 +55,8 @@ def side_by_side(work: Callable[[Item], Answer], items: Iterable[Item]) -> list[
 
 def _n_threads() -> int:
     """As the compiled module's pool of threads counts: what is asked for, else the processors of this process."""
-    asked = next((os.environ[name] for name in _ASKED_BY if os.environ.get(name, "").isdecimal()), "0")
-    return int(asked) or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    for name in _ASKED_BY:
+        asked = os.environ.get(name, "")[:5]  # what is longer is more than anybody has
+        if asked.isascii() and asked.isdigit() and int(asked) > 0:
+            return int(asked)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -32,6 +32,14 @@ type Problem<'py> = (
     bool,
 );
 
+/// What Rust reads of one: Gram matrices and places, how many unknowns, the prior and the noise.
+type Slices<'a> = (
+    Vec<(&'a [f64], &'a [isize])>,
+    usize,
+    NormalPrior<'a>,
+    Noise<'a>,
+);
+
 /// Unknowns, noise, power, distance from the prior, whitener and `ln det H` of every model, all of them side by side.
 #[pyfunction]
 pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<Vec<Answer<'py>>> {
@@ -56,8 +64,7 @@ pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<V
         };
         problems.push((joints, *n, prior, noise));
     }
-    let solved = |problem: &(Vec<(&[f64], &[isize])>, usize, NormalPrior<'_>, Noise<'_>)| {
-        let (joints, n, prior, noise) = problem;
+    let solved = |(joints, n, prior, noise): &Slices<'_>| {
         // A negative place is beyond all unknowns, and told as such.
         let places: Vec<Vec<usize>> = joints
             .iter()
