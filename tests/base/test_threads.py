@@ -1,10 +1,12 @@
-"""Threads that nobody can have: a number that is a slip does not make a command wait without end."""
+"""Threads: those that nobody can have are not waited for, and what they do side by side is what one does."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+import threading
+from contextvars import ContextVar
 
 import pytest
 from helpers.processes import ENVIRONMENT
@@ -37,3 +39,34 @@ def test_a_command_ends_however_many_threads_it_is_asked_for(tmp_path):
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0
     assert done.stderr.startswith(f"note: {RUST} asks for more than 1024 threads; ")
+
+
+WHERE: ContextVar[str] = ContextVar("where", default="nowhere")
+
+
+@pytest.mark.parametrize("asked", ["1", "2", "7", "9" * 5000])
+def test_answers_side_by_side_are_in_the_order_of_what_was_asked(asked, monkeypatch):
+    monkeypatch.setenv(RUST, asked)
+    token = WHERE.set("here")
+    try:
+        found = threads.side_by_side(lambda item: (WHERE.get(), item**2), range(20))
+    finally:
+        WHERE.reset(token)
+    assert found == [("here", item**2) for item in range(20)]
+    assert threads.side_by_side(str, []) == []
+
+
+def test_what_runs_side_by_side_already_asks_for_no_further_threads(monkeypatch):
+    monkeypatch.setenv(RUST, "2")
+
+    def within(_: int) -> bool:
+        own = threading.get_ident()
+        return all(other == own for other in threads.side_by_side(lambda _: threading.get_ident(), range(4)))
+
+    assert threads.side_by_side(within, range(4)) == [True] * 4
+
+
+def test_an_error_of_one_is_told(monkeypatch):
+    monkeypatch.setenv(RUST, "2")
+    with pytest.raises(ZeroDivisionError):
+        threads.side_by_side(lambda item: 1 // item, [2, 1, 0, 3])

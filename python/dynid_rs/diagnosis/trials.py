@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE
+from dynid_rs.base.threads import side_by_side
 from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
 from dynid_rs.diagnosis.shapes import polished
@@ -59,13 +60,17 @@ def evidence(
     scores, hopes = beside.screened_and_hoped_for(hypotheses) if hypotheses else ([], [])
     screened, hoped = np.array([score.value for score in scores]), np.array(hopes)
     places = places_of(hypotheses)
-    values: dict[Place, Value] = {}
-    for values_of, n_places in ((screened, SHORTLIST), (hoped, HOPED_FOR)):
-        first = sorted(places, key=lambda place: -float(values_of[places[place]].max()))[:n_places]
-        for place in first:
-            value = _averaged(beside, hypotheses, values_of, places[place], catalogue)
-            if value is not None and (place not in values or value.value > values[place].value):
-                values[place] = value
+    asked: dict[Place, list[FloatArray]] = {}
+    for scored, n_places in ((screened, SHORTLIST), (hoped, HOPED_FOR)):
+        for place in sorted(places, key=lambda place: -float(scored[places[place]].max()))[:n_places]:
+            asked.setdefault(place, []).append(scored)
+
+    def likelier(place: Place) -> Value | None:
+        found = [_averaged(beside, hypotheses, scored, places[place], catalogue) for scored in asked[place]]
+        return max((value for value in found if value is not None), key=lambda value: value.value, default=None)
+
+    found = zip(asked, side_by_side(likelier, asked), strict=True)
+    values = {place: value for place, value in found if value is not None}
     kept = {place for place, at in places.items() if hoped[at].max() > HOPELESS}
     return values, [h for h in hypotheses if h.place in kept]
 
@@ -149,18 +154,19 @@ def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Seque
     """Whether no rival on its joints refutes the name in most halves of the data."""
     rng = np.random.default_rng(0)
     hypotheses = [best.hypothesis, *(rival.hypothesis for rival in rivals)]
-    first = 0
-    for _ in range(N_HALVES):
-        half = np.any([parts[k] for k in rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False)], axis=0)
+    halves = [rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False) for _ in range(N_HALVES)]
+
+    def comes_first(blocks: NDArray[np.intp]) -> bool:
+        half = np.any([parts[k] for k in blocks], axis=0)
         within, parts_of = beside.within(half), [_within(h, half) for h in hypotheses]
         values = [score.value for score in within.screened(parts_of)]
         if values[0] > max(values) - SURE:
-            first += 1
-            continue
+            return True
         # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
         ahead = int(np.argmax(values))
-        first += within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
-    return first >= FIRST_IN
+        return within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
+
+    return sum(side_by_side(comes_first, halves)) >= FIRST_IN
 
 
 def _within(hypothesis: Hypothesis, kept: BoolArray) -> Hypothesis:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE, p_value
+from dynid_rs.base.threads import side_by_side
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.trials import blocks
-from dynid_rs.diagnosis.waves import of_signal, signal_sets, waves
+from dynid_rs.diagnosis.waves import Signal, of_signal, signal_sets, waves
 
 BoolArray = NDArray[np.bool_]
 
@@ -27,7 +29,7 @@ def unexplained(found: Belief) -> list[dict[str, Any]]:
     entries = []
     for j in range(len(names)):
         sets = list(signal_sets(len(names), j))
-        hypotheses = [waves(found.catalogue, j, [of_signal(signal) for signal in signals]) for signals in sets]
+        hypotheses = side_by_side(partial(_waves, found.catalogue, j), sets)
         scores = _screened(found, j, hypotheses)
         tries = [(found.beside.evidence_for(hypotheses[k])[0], k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
         value, best = max(tries)
@@ -52,6 +54,10 @@ def unexplained(found: Belief) -> list[dict[str, Any]]:
             }
         )
     return entries
+
+
+def _waves(catalogue: Catalogue, j: int, signals: Sequence[Signal]) -> Hypothesis:
+    return waves(catalogue, j, [of_signal(signal) for signal in signals])
 
 
 def _screened(found: Belief, j: int, hypotheses: Sequence[Hypothesis]) -> list[float]:

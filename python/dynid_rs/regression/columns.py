@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.threads import side_by_side
 from dynid_rs.regression.kept_columns import observed
 from dynid_rs.runs.preprocessing import States
 
@@ -168,10 +169,11 @@ class Block:
         """Rows per joint."""
         return len(self.rows[0]) if self.stands_for is None else self.stands_for[0]
 
-    @property
+    @cached_property
     def counted(self) -> NDArray[np.bool_]:
         """Joints that move at the rows, (n_rows, n_joints): zeros say nothing."""
-        return np.stack([part.any(axis=1) for part in self.rows], axis=1)
+        counted: NDArray[np.bool_] = np.stack([part.any(axis=1) for part in self.rows], axis=1)
+        return counted
 
     @property
     def n_counted(self) -> NDArray[np.int64]:
@@ -191,7 +193,7 @@ class Observations:
         """Rows per joint over all blocks."""
         return sum(block.n_rows for block in self.blocks)
 
-    @property
+    @cached_property
     def n_counted(self) -> NDArray[np.int64]:
         """Rows of every joint in which it moves, (n_joints,)."""
         total: NDArray[np.int64] = np.sum([block.n_counted for block in self.blocks], axis=0)
@@ -231,13 +233,15 @@ def observe(
 
     A lone run is cut in three blocks, so that something can always be left out.
     """
-    blocks: list[Block] = []
-    for k, states in enumerate(runs):
+
+    def blocks(k: int) -> list[Block]:
+        states = runs[k]
         rows = run_rows(plan, states, states.tau if tau is None else tau[k])
-        for part in [slice(None)] if len(runs) > 1 else _thirds(len(states.rows)):
-            cut = [joint[part] for joint in rows]
-            blocks.append(Block(k, cut, [_core.triangular_factor(joint) for joint in cut]))
-    return Observations(plan, blocks)
+        parts = [slice(None)] if len(runs) > 1 else _thirds(len(states.rows))
+        cuts = [[joint[part] for joint in rows] for part in parts]
+        return [Block(k, cut, [_core.triangular_factor(joint) for joint in cut]) for cut in cuts]
+
+    return Observations(plan, [block for own in side_by_side(blocks, range(len(runs))) for block in own])
 
 
 def run_rows(

@@ -20,7 +20,7 @@ from dynid_rs.base.memory import residual_memory
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.linear_model import Choice, Fit, LinearModel, fits
 from dynid_rs.regression.priors import WeakPrior, declares_inertia, weak_prior
-from dynid_rs.regression.scales import improve_scale
+from dynid_rs.regression.scales import SCALE_SPREAD, in_reach
 from dynid_rs.regression.systems import block_residuals
 
 FloatArray = NDArray[np.float64]
@@ -169,11 +169,9 @@ def fit_with_prior(
             best = _likeliest(model, best.noise, [best.choice._replace(bends=size) for size in BENDS])
         choice = best.choice
         if free is not None and free.any():
-            pull = prior.rows(choice)[0]
             for _ in range(SCALE_STEPS):
-                model, before = best.model, scale
-                scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
-                best = _at_gains(model, plan.n_base, scale / before, prior).fit(choice, best.noise)
+                before, scale = scale, _improved(best, plan.n_base, scale, free)
+                best = _at_gains(best.model, plan.n_base, scale / before, prior).fit(choice, best.noise)
             if unknown_gain and held is None and apart:
                 ways = _in_common(best, plan.n_base, prior, scale, free, 0.1 * size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
@@ -222,6 +220,27 @@ def _kept_at(model: LinearModel, fit: Fit, noise: FloatArray) -> LinearModel:
         there = np.column_stack([part[:, :-1], part[:, :-1] @ fit.x[at]])
         rows.append(np.concatenate([part, np.sqrt(more) * there]))
     return LinearModel(rows, model.places, model.prior, model.n_effective, model.least_noise, model.n_rows)
+
+
+def _improved(fit: Fit, n_base: int, scale: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    """One Gauss-Newton step on the gains (n_joints,) of the joints in `free`, beside all other unknowns of `fit`.
+
+    A gain's column is the load of its joint's links; what the other unknowns can imitate of it is taken off as in
+    `linear_model.py`, so that no system of all unknowns is solved again.
+    """
+    joints = np.flatnonzero(free)
+    taken, own, moment = np.empty((len(fit.x), len(joints))), np.empty(len(joints)), np.empty(len(joints))
+    for k, j in enumerate(joints.tolist()):
+        part, at = fit.model.rows[j][:, :-1], fit.model.places[j]
+        links = at < n_base
+        load = part[:, links] @ fit.x[at[links]] * (fit.weights[j] / scale[j])
+        taken[:, k] = fit.whitener[:, at] @ (fit.weights[j] * (load @ part))
+        own[k], moment[k] = load @ load, fit.weights[j] * (load @ fit.residual[j])
+    spread = SCALE_SPREAD * scale[joints]
+    S = np.diag(own + spread**-2) - taken.T @ taken
+    change = np.zeros(len(scale))
+    change[joints] = np.linalg.solve(S, moment - np.log(scale[joints]) / (SCALE_SPREAD * spread))
+    return in_reach(scale, change)
 
 
 def _in_common(

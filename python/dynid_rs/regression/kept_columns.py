@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,22 +32,26 @@ class KeptColumns:
 
     _parts: dict[tuple[Any, ...], PerJoint] = field(default_factory=dict)
     _bytes: int = 0
+    _lock: Lock = field(default_factory=Lock)
+    """Of threads that ask side by side."""
     answers: dict[Any, Any] = field(default_factory=dict)
     """What else was made of the same motion: small, and asked for at every fit."""
 
     def get(self, key: tuple[Any, ...]) -> PerJoint | None:
         """Return what was kept, as the last that was used."""
-        part = self._parts.pop(key, None)
-        if part is not None:
-            self._parts[key] = part
-        return part
+        with self._lock:
+            part = self._parts.pop(key, None)
+            if part is not None:
+                self._parts[key] = part
+            return part
 
     def put(self, key: tuple[Any, ...], part: PerJoint) -> None:
         """Keep, and let go of what was used longest ago."""
-        self._bytes += _size(part) - _size(self._parts.pop(key, []))
-        self._parts[key] = part
-        while self._bytes > MOST_BYTES and self._parts:
-            self._bytes -= _size(self._parts.pop(next(iter(self._parts))))
+        with self._lock:
+            self._bytes += _size(part) - _size(self._parts.pop(key, []))
+            self._parts[key] = part
+            while self._bytes > MOST_BYTES and self._parts:
+                self._bytes -= _size(self._parts.pop(next(iter(self._parts))))
 
 
 def _size(part: PerJoint) -> int:

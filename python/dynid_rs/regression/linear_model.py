@@ -211,7 +211,7 @@ class LinearModel:
 
     def _without_each(self, fit: Fit, blocks: Sequence[BoolArray]) -> Iterator[tuple[list[FloatArray], FloatArray]]:
         """Rows of each block, and the unknowns from all others."""
-        outs = [[part[block] for part in self.rows] for block in blocks]
+        outs = [[part[rows] for part in self.rows] for rows in map(_as_slice, blocks)]
         others = [
             replace(self, grams=[gram - part.T @ part for gram, part in zip(self.grams, out, strict=True)])
             for out in outs
@@ -269,7 +269,7 @@ class LinearModel:
             moment[:, at] += weights[:, None] * (np.array([fit.residual[j] for fit in fits]) @ together)
             for h, columns in zip(here, own, strict=True):
                 squares[h] += weights[:, None, None] * (columns.T @ columns)
-        taken = np.array([fit.whitener for fit in fits]) @ cross
+        taken = np.array([fit.whitener @ own for fit, own in zip(fits, cross, strict=True)])
         scores = np.empty((len(sizes), len(fits), len(hypotheses)))
         for width in np.unique(widths):
             alike = np.flatnonzero(widths == width)
@@ -322,6 +322,13 @@ def _normal_equations(prior: Prior, choice: Choice) -> tuple[FloatArray, FloatAr
         P, target = rows[:, :-1], rows[:, -1]
         known[choice] = P.T @ P, P.T @ target, float(target @ target), log_det
     return known[choice]
+
+
+def _as_slice(rows: BoolArray) -> slice | BoolArray:
+    """The same rows as a slice, which copies nothing, where they follow each other."""
+    found = np.flatnonzero(rows)
+    follow = len(found) and found[-1] - found[0] == len(found) - 1
+    return slice(int(found[0]), int(found[-1]) + 1) if follow else rows
 
 
 def _values(own: FloatArray, moment: FloatArray, bounds: FloatArray, sizes: FloatArray) -> FloatArray:

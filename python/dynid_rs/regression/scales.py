@@ -41,16 +41,10 @@ def improve_scale(
     scale: FloatArray,
     x: FloatArray,
     free: NDArray[np.bool_],
-    pull: FloatArray | None = None,
 ) -> FloatArray:
-    """One Gauss-Newton step on the torque scales of the joints in `free` beside all other unknowns.
-
-    `pull`, rows ``[A | b]`` of a prior on the other unknowns.
-    """
+    """One Gauss-Newton step on the torque scales of the joints in `free` beside all other unknowns, without a prior."""
     n = plan.robot.n_joints
     system = stack(plan, factors, weights, scale)
-    if pull is not None:
-        system = np.concatenate([system, pull])
     changes = np.zeros((len(system), n))
     first = 0
     for j, R in enumerate(factors):
@@ -65,6 +59,10 @@ def improve_scale(
     used = np.concatenate([plan.estimable(), free]) & (norms > 0)
     step = np.zeros(plan.n_columns + n)
     step[used] = np.linalg.lstsq(system[:, :-1][:, used] / norms[used], system[:, -1], rcond=1e-6)[0] / norms[used]
-    change = np.clip(step[plan.n_columns :], -0.3 * scale, 0.5 * scale)
-    improved: FloatArray = scale + change
-    return improved
+    return in_reach(scale, step[plan.n_columns :])
+
+
+def in_reach(scale: FloatArray, change: FloatArray) -> FloatArray:
+    """Torque scales (n_joints,) after a step, which is linear near where it began only."""
+    changed: FloatArray = scale + np.clip(change, -0.3 * scale, 0.5 * scale)
+    return changed

@@ -11,6 +11,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +101,10 @@ class Band:
         return filtered.reshape(x.shape)
 
 
+_DIGESTS: dict[int, tuple[ref[Any], bytes]] = {}
+"""Digests of signals by their identity, while they live: states that were made of others share signals with them."""
+
+
 @dataclass(frozen=True, eq=False)
 class States:
     """A run on a uniform grid; every matrix is (n, n_joints).
@@ -179,19 +184,17 @@ class States:
         result: list[int] = self.rows.tolist()
         return result
 
-    @cached_property
-    def _digests(self) -> dict[int, bytes]:
-        return {}
-
     def digest(self, name: str) -> bytes:
         """Digest of the numbers of a signal; nothing for one that is not there."""
         signal = getattr(self, name)
         if signal is None:
             return b""
-        # The same array under two names is read once.
-        if id(signal) not in self._digests:
-            self._digests[id(signal)] = hashlib.sha256(np.ascontiguousarray(signal).data).digest()
-        return self._digests[id(signal)]
+        kept = _DIGESTS.get(id(signal))
+        if kept is not None and kept[0]() is signal:
+            return kept[1]
+        digest, key = hashlib.sha256(np.ascontiguousarray(signal).data).digest(), id(signal)
+        _DIGESTS[key] = ref(signal, lambda _: _DIGESTS.pop(key, None)), digest
+        return digest
 
     @cached_property
     def motion(self) -> tuple[Any, ...]:

@@ -99,12 +99,14 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
     """Every sign, every exchange of two joints' torques, positions, or both, other zeros, and positions in degrees."""
     n = bench.robot.n_joints
     alone = [bench.moves_alone(j) for j in range(n)]
+    positions, elsewhere = None, bench.moments
     for layout in _layouts(bench.robot.joint_kinds):
         if layout.code.endswith(("_swapped", "_shifted")) and not all(alone[j] for j in layout.joints):
             continue
-        moments = bench.moments
-        if layout.positions is not None:
-            moments = tuple(Moments.of(bench.robot, layout.positions(rows)) for rows in bench.rows)
+        if layout.positions not in (None, positions):  # several layouts have the same positions
+            positions = layout.positions
+            elsewhere = tuple(Moments.of(bench.robot, layout.positions(rows)) for rows in bench.rows)
+        moments = bench.moments if layout.positions is None else elsewhere
         changed = [run.picked(layout.channels, layout.sign) for run in moments]
         tried = [[changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)] for runs in bench.places]
         for runs, fit in zip(bench.places, fit_arms(bench.prior, tried, bench.size), strict=True):

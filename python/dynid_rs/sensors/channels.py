@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.threads import side_by_side
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.runs.preprocessing import States
 from dynid_rs.sensors import words
@@ -110,18 +112,31 @@ def _candidates(
     `sized`: torques are in N m, or so it is said. `declared`: the robot file says what the links are like.
     """
     judged = sized and declared
-    if float(np.max(bench.fit.run_shares)) > UNEXPLAINED:
-        yield from _wired(bench, names)
-        for trial, mass in payload_trials(bench) if len(names) > 1 else ():
-            if _clear(bench, trial) and (len(names) > 2 or mass > 0):
-                yield trial, words.payload(trial, names, mass if judged else None)
-        mounted = turned(bench)
-        if _clear(bench, mounted[0]):
-            yield mounted[0], words.mounting(bench, mounted[0], names, mounted[1], signed=declared)
+    changes: list[Callable[[], Iterator[tuple[Trial, Finding]]]] = [lambda: _late(bench, names)]
     # Gains that the runs themselves tell say nothing of a unit: a run of little motion would have another one.
     if sized and (declared or len(names) > 1):
-        yield from _units(bench, names, judged=declared)
-    yield from _late(bench, names)
+        changes.insert(0, lambda: _units(bench, names, judged=declared))
+    if float(np.max(bench.fit.run_shares)) > UNEXPLAINED:
+        changes[:0] = [
+            lambda: _wired(bench, names),
+            lambda: _loaded(bench, names, judged=judged),
+            lambda: _mounted(bench, names, turned, signed=declared),
+        ]
+    return chain.from_iterable(side_by_side(lambda change: list(change()), changes))
+
+
+def _loaded(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tuple[Trial, Finding]]:
+    for trial, mass in payload_trials(bench) if len(names) > 1 else ():
+        if _clear(bench, trial) and (len(names) > 2 or mass > 0):
+            yield trial, words.payload(trial, names, mass if judged else None)
+
+
+def _mounted(
+    bench: Bench, names: Sequence[str], turned: Callable[[Bench], tuple[Trial, FloatArray]], *, signed: bool
+) -> Iterator[tuple[Trial, Finding]]:
+    trial, gravity = turned(bench)
+    if _clear(bench, trial):
+        yield trial, words.mounting(bench, trial, names, gravity, signed=signed)
 
 
 def _wired(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]:

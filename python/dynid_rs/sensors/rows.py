@@ -44,7 +44,7 @@ class ArmRows:
     tau: FloatArray
     told: BoolArray
     steepness: FloatArray
-    _regressor: list[Any] = field(default_factory=list, init=False)
+    _regressor: list[tuple[_core.RobotModel, FloatArray]] = field(default_factory=list, init=False)
 
     @staticmethod
     def of(states: States) -> ArmRows:
@@ -97,9 +97,11 @@ class ArmRows:
 
     def regressor(self, robot: _core.RobotModel) -> FloatArray:
         """Columns of the links' ten numbers, (n_rows, n_joints, 10 n_links); the last robot's is kept."""
-        if self._regressor[:1] != [robot]:
-            self._regressor[:] = [robot, robot.joint_torque_regressor(self.q, self.dq, self.ddq)]
-        columns: FloatArray = self._regressor[1]
+        for kept, columns in self._regressor[:]:  # at once: others may ask for another robot meanwhile
+            if kept is robot:
+                return columns
+        columns = robot.joint_torque_regressor(self.q, self.dq, self.ddq)
+        self._regressor[:] = [(robot, columns)]
         return columns
 
     def columns(self, robot: _core.RobotModel, j: int) -> FloatArray:

@@ -59,6 +59,15 @@ pub fn copy<T: Copy>(from: &[T], to: &mut [T]) {
     }
 }
 
+/// [`copy`] of an array: where there is room for all of it, its few numbers are moved without a call.
+#[inline(always)]
+pub fn put<T: Copy, const N: usize>(from: &[T; N], to: &mut [T]) {
+    match to.first_chunk_mut() {
+        Some(to) => *to = *from,
+        None => copy(from, to),
+    }
+}
+
 /// What can become like another of its shape without taking memory, which `clone_from` does not promise.
 pub(crate) trait Mirror {
     /// Becomes like `of`.

@@ -33,14 +33,33 @@ impl<'a> RunSignals<'a> {
         n_samples: usize,
     ) -> Result<(), OfflineError> {
         self.check_shapes(effects, n_joints, n_samples)?;
-        self.check_finite()
+        self.check_read(effects)
     }
 
     /// # Errors
     /// [`OfflineError::NonFinite`] if a number is not finite.
     pub(crate) fn check_finite(&self) -> Result<(), OfflineError> {
-        let optional = [self.tau_link, self.tau_motor, self.state.temperature];
-        if self.state.is_finite() && optional.into_iter().flatten().all(all_finite) {
+        let State { q, dq, ddq, .. } = self.state;
+        if ![q, dq, ddq].into_iter().all(all_finite) {
+            return Err(OfflineError::NonFinite { what: "run" });
+        }
+        self.check_others()
+    }
+
+    /// [`Self::check_finite`] of the signals that some of `effects` read.
+    fn check_read(&self, effects: &[Effect]) -> Result<(), OfflineError> {
+        let state = &self.state;
+        let optional = [
+            ("tau_link", self.tau_link),
+            (TAU_MOTOR, self.tau_motor),
+            ("temperature", state.temperature),
+        ];
+        let optional = optional
+            .into_iter()
+            .filter_map(|(name, signal)| Some((name, signal?)));
+        let read = |name| effects.iter().any(|effect| effect.entry().needs(name));
+        let mut signals = state.signals().into_iter().chain(optional);
+        if signals.all(|(name, signal)| !read(name) || all_finite(signal)) {
             Ok(())
         } else {
             Err(OfflineError::NonFinite { what: "run" })
@@ -156,7 +175,8 @@ pub(crate) fn columns(
     if out.is_empty() {
         return out;
     }
-    if effect.entry().memory > 0 {
+    // Of one joint they are done before the pool has woken.
+    if effect.entry().memory > 0 || joints.len() == 1 {
         fill(0, &mut out);
     } else {
         out.par_chunks_mut(CHUNK * joints.len() * width)
@@ -179,11 +199,25 @@ pub fn effect_torque(
     let n_samples = run.state.q.len() / n_joints;
     run.check(std::slice::from_ref(term.effect()), n_joints, n_samples)?;
     check_length("tau", tau.len(), run.state.q.len())?;
-    let mut memory = vec![0.0; term.effect().memory_len(n_joints)];
-    for (k, tau) in tau.chunks_exact_mut(n_joints).enumerate() {
-        term.torque_into(&run.input(k, n_joints), &mut memory, tau);
-    }
+    torque(term, n_joints, run, tau);
     Ok(())
+}
+
+/// [`effect_torque`] of what has been checked.
+fn torque(term: &EffectTerm, n_joints: usize, run: &RunSignals<'_>, tau: &mut [f64]) {
+    let fill = |first: usize, tau: &mut [f64]| {
+        let mut memory = vec![0.0; term.effect().memory_len(n_joints)];
+        for (k, tau) in tau.chunks_exact_mut(n_joints).enumerate() {
+            term.torque_into(&run.input(first + k, n_joints), &mut memory, tau);
+        }
+    };
+    if term.effect().entry().memory > 0 {
+        fill(0, tau);
+    } else {
+        tau.par_chunks_mut(CHUNK * n_joints)
+            .enumerate()
+            .for_each(|(chunk, tau)| fill(chunk * CHUNK, tau));
+    }
 }
 
 fn check_length(what: &'static str, actual: usize, expected: usize) -> Result<(), CoreError> {
@@ -214,23 +248,31 @@ pub fn motor_torque(
         kind: TAU_MOTOR,
         what: "tau_link",
     })?;
-    run.check(&[], n_joints, run.state.q.len() / n_joints)?;
+    let terms: Vec<_> = terms
+        .iter()
+        .filter(|term| term.effect().is_declared())
+        .collect();
+    let effects: Vec<_> = terms.iter().map(|term| term.effect().clone()).collect();
+    run.check(&effects, n_joints, run.state.q.len() / n_joints)?;
     check_length("torque", tau_motor.len(), tau_link.len())?;
+    if !all_finite(tau_link) {
+        return Err(OfflineError::NonFinite { what: "tau_link" });
+    }
     let scales = torque_scale.iter().cycle();
     let scaled: Vec<f64> = tau_link
         .iter()
         .zip(scales)
         .map(|(tau, scale)| tau * scale)
         .collect();
-    let mut declared = Vec::new();
-    for term in terms.iter().filter(|term| term.effect().is_declared()) {
-        let mut torque = vec![0.0; scaled.len()];
-        effect_torque(term, n_joints, run, &mut torque)?;
-        declared.push((term, torque));
-    }
-    let declared = declared
-        .iter()
-        .map(|(term, torque)| (*term, torque.as_slice()));
+    let torques: Vec<Vec<f64>> = terms
+        .par_iter()
+        .map(|term| {
+            let mut own = vec![0.0; scaled.len()];
+            torque(term, n_joints, run, &mut own);
+            own
+        })
+        .collect();
+    let declared = terms.into_iter().zip(torques.iter().map(Vec::as_slice));
     motor_torque_into(&scaled, declared, tau_motor);
     Ok(())
 }

@@ -4,6 +4,8 @@
 //! column of the regressor. Columns run side by side, one per lane. Same result as `scipy.signal.sosfiltfilt` (odd
 //! padding, steady-state start).
 
+use std::ops::Range;
+
 use dynid_core::lanes::{self, Kernel, Lanes};
 
 use crate::error::OfflineError;
@@ -93,6 +95,26 @@ impl ZeroPhase {
         samples.copy_from_slice(&work[self.pad..self.pad + n]);
     }
 
+    /// Some columns of `raw` (n × width, row-major), at most `N`, both ways into `work`, behind the padding.
+    pub(crate) fn apply_to<const N: usize>(
+        &self,
+        raw: &[f64],
+        width: usize,
+        columns: Range<usize>,
+        work: &mut Vec<[f64; N]>,
+    ) {
+        work.clear();
+        work.resize(self.pad + raw.len() / width, [0.0; N]);
+        // Column by column: of a few numbers at a time each copy would be a call.
+        for (lane, column) in columns.enumerate() {
+            let from = raw[column..].iter().step_by(width);
+            for (to, x) in work[self.pad..].iter_mut().zip(from) {
+                to[lane] = *x;
+            }
+        }
+        self.both_ways(work);
+    }
+
     /// Extends `samples`, before which there is room for the padding, and filters them forwards and backwards.
     fn both_ways<const N: usize>(&self, samples: &mut Vec<[f64; N]>) {
         self.put_before(samples);
@@ -118,19 +140,15 @@ impl ZeroPhase {
         if self.is_empty() {
             return Ok(());
         }
-        let mut work = Vec::with_capacity(n + 2 * self.pad);
+        let mut work: Vec<[f64; LANES]> = Vec::with_capacity(n + 2 * self.pad);
         for first in (0..width).step_by(LANES) {
-            let used = LANES.min(width - first);
-            work.clear();
-            work.resize(self.pad, [0.0; LANES]);
-            work.extend(x.chunks_exact(width).map(|row| {
-                let mut lanes = [0.0; LANES];
-                lanes[..used].copy_from_slice(&row[first..first + used]);
-                lanes
-            }));
-            self.both_ways(&mut work);
-            for (row, lanes) in x.chunks_exact_mut(width).zip(&work[self.pad..]) {
-                row[first..first + used].copy_from_slice(&lanes[..used]);
+            let columns = first..width.min(first + LANES);
+            self.apply_to(x, width, columns.clone(), &mut work);
+            for (lane, column) in columns.enumerate() {
+                let to = x[column..].iter_mut().step_by(width);
+                for (to, lanes) in to.zip(&work[self.pad..]) {
+                    *to = lanes[lane];
+                }
             }
         }
         Ok(())

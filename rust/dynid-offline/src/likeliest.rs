@@ -141,9 +141,7 @@ impl Kernel for Search<'_> {
             let square = squared::<L>(&inverse, &begins, &system.first);
             let mut change: f64 = 0.0;
             for (j, joint) in system.joints.iter().enumerate() {
-                let covariance =
-                    |a: usize, b: usize| square.at(a, b) * factor.scale[a] * factor.scale[b];
-                let taken = weights[j] * joint.along(covariance);
+                let taken = weights[j] * joint.trace(&square, &factor.scale);
                 let all = noise.n_effective[j];
                 let left = (all - taken).max((1.0 - MOST_TAKEN) * all);
                 let update = (share[j] * joint.power(&x) / left)

@@ -33,22 +33,19 @@ pub struct Sampling {
 impl Sampling {
     /// `raw` (n_samples × width, row-major) in the band at the kept samples, [`LANES`] columns in each block.
     fn kept_in_band(&self, raw: &[f64], width: usize) -> Vec<Vec<[f64; LANES]>> {
+        let kept = |work: &mut Vec<_>, block: usize| {
+            let first = block * LANES;
+            let columns = first..width.min(first + LANES);
+            self.filter.apply_to(raw, width, columns, work);
+            let pad = self.filter.min_samples() - 1;
+            self.kept.iter().map(|&k| work[pad + k]).collect()
+        };
+        if width <= LANES {
+            return vec![kept(&mut Vec::new(), 0)]; // to wake the pool takes longer
+        }
         (0..width.div_ceil(LANES))
             .into_par_iter()
-            .map_init(Vec::new, |work, block| {
-                let first = block * LANES;
-                let used = LANES.min(width - first);
-                let mut samples: Vec<[f64; LANES]> = raw
-                    .chunks_exact(width)
-                    .map(|row| {
-                        let mut lanes = [0.0; LANES];
-                        lanes[..used].copy_from_slice(&row[first..first + used]);
-                        lanes
-                    })
-                    .collect();
-                self.filter.apply(&mut samples, work);
-                self.kept.iter().map(|&k| samples[k]).collect()
-            })
+            .map_init(Vec::new, kept)
             .collect()
     }
 
@@ -119,14 +116,17 @@ pub fn observe(
     check(robot, effects, pivots, run, sampling, n_samples)?;
 
     let plan: Vec<_> = (0..n).map(|j| JointPlan::new(j, effects, pivots)).collect();
-    let effects = EffectColumns::new(effects, n, &run.signals);
-    let columns = Columns {
-        robot,
-        effects: &effects,
-        plan: &plan,
-        run,
-    };
-    let groups = columns.kept_in_band(sampling);
+    // On the pool as a whole: each of its many steps would wake it anew.
+    let groups = rayon::scope(|_| {
+        let effects = EffectColumns::new(effects, n, &run.signals);
+        let columns = Columns {
+            robot,
+            effects: &effects,
+            plan: &plan,
+            run,
+        };
+        columns.kept_in_band(sampling)
+    });
 
     let mut first = 0;
     let joints = plan

@@ -277,7 +277,7 @@ pub fn motor_torque<'py>(
         tau_link: Some(tau_link),
         tau_motor: None,
     };
-    let arrays = RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
+    let arrays = RunArrays::any([q, dq, ddq], motor, predicted, temperature, step, n)?;
     let run = arrays.signals()?;
     let torque_scale = arrays::vector(torque_scale, "torque_scale", Some(n))?;
     let torque_scale = torque_scale.as_slice()?;
@@ -288,8 +288,12 @@ pub fn motor_torque<'py>(
     });
     let terms = terms.collect::<PyResult<Vec<_>>>()?;
     let mut tau = vec![0.0; arrays.n_samples() * n];
-    py.detach(|| dynid_offline::motor_torque(&terms, torque_scale, &run, &mut tau))
-        .map_err(errors::offline)?;
+    let found = py.detach(|| dynid_offline::motor_torque(&terms, torque_scale, &run, &mut tau));
+    if let Err(OfflineError::NonFinite { .. }) = found {
+        // Which number it was is only looked for now.
+        RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
+    }
+    found.map_err(errors::offline)?;
     arrays::to_matrix(py, tau, n)
 }
 

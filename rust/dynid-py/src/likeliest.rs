@@ -32,6 +32,14 @@ type Problem<'py> = (
     bool,
 );
 
+/// What Rust reads of one: Gram matrices and places, how many unknowns, the prior and the noise.
+type Slices<'a> = (
+    Vec<(&'a [f64], &'a [isize])>,
+    usize,
+    NormalPrior<'a>,
+    Noise<'a>,
+);
+
 /// Unknowns, noise, power, distance from the prior, whitener and `ln det H` of every model, all of them side by side.
 #[pyfunction]
 pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<Vec<Answer<'py>>> {
@@ -56,23 +64,22 @@ pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<V
         };
         problems.push((joints, *n, prior, noise));
     }
-    let solved: Result<Vec<_>, OfflineError> = py.detach(|| {
-        problems
-            .par_iter()
-            .map(|(joints, n, prior, noise)| {
-                // A negative place is beyond all unknowns, and told as such.
-                let places: Vec<Vec<usize>> = joints
-                    .iter()
-                    .map(|(_, places)| places.iter().map(|at| *at as usize).collect())
-                    .collect();
-                let joints: Vec<_> = joints
-                    .iter()
-                    .zip(&places)
-                    .map(|((gram, _), places)| JointGram { gram, places })
-                    .collect();
-                solve(&joints, *n, *prior, *noise)
-            })
-            .collect()
+    let solved = |(joints, n, prior, noise): &Slices<'_>| {
+        // A negative place is beyond all unknowns, and told as such.
+        let places: Vec<Vec<usize>> = joints
+            .iter()
+            .map(|(_, places)| places.iter().map(|at| *at as usize).collect())
+            .collect();
+        let joints: Vec<_> = joints
+            .iter()
+            .zip(&places)
+            .map(|((gram, _), places)| JointGram { gram, places })
+            .collect();
+        solve(&joints, *n, *prior, *noise)
+    };
+    let solved: Result<Vec<_>, OfflineError> = py.detach(|| match problems.as_slice() {
+        [one] => solved(one).map(|found| vec![found]), // to wake the pool takes longer
+        many => many.par_iter().map(solved).collect(),
     });
     let answer = |found: dynid_offline::Likeliest| {
         Ok((

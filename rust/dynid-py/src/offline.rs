@@ -119,18 +119,24 @@ pub fn observe<'py>(
         tau_link,
         tau_motor,
     };
-    let arrays = RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
-    let [_, tau] = arrays::samples([("q", q), ("tau", tau)], n)?;
+    let link = [q, dq, ddq];
+    let arrays = RunArrays::any(link, motor, predicted, temperature, step, n)?;
+    let [_, torque] = arrays::any_samples([("q", q), ("tau", tau)], n)?;
     let run = RunStates {
         signals: arrays.signals()?,
-        tau: tau.as_slice()?,
+        tau: torque.as_slice()?,
     };
     let effects: Vec<_> = effects.0.into_iter().map(|effect| effect.0).collect();
     let sampling = sampling(filter, kept.0)?;
-    let observation = py
-        .detach(|| dynid_offline::observe(&robot.0, &effects, &pivots, &run, &sampling))
-        .map_err(errors::offline)?;
-    observation
+    let observed =
+        py.detach(|| dynid_offline::observe(&robot.0, &effects, &pivots, &run, &sampling));
+    if let Err(OfflineError::NonFinite { .. }) = observed {
+        // Which number it was is only looked for now.
+        RunArrays::new(link, motor, predicted, temperature, step, n)?;
+        arrays::samples([("q", q), ("tau", tau)], n)?;
+    }
+    observed
+        .map_err(errors::offline)?
         .joints
         .into_iter()
         .map(|joint| arrays::to_matrix(py, joint.rows, joint.width))

@@ -5,7 +5,7 @@
 //! `x = L - |a - b|` from the shortest length, the gas length `s = V / A` there, and `c = Z R T m` \[N·m\].
 
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// One column, `dL/dq / (s - x)`. `shape`: a, b \[m\], phase \[rad\], gas length s \[m\].
 ///
@@ -23,7 +23,7 @@ pub fn columns(
     let length = (a * a + b * b + 2.0 * a * b * cos).sqrt();
     let lever_arm = -a * b * sin / length; // dL/dq
     let stroke = length - (a - b).abs();
-    copy(&[lever_arm / (gas_length - stroke)], columns);
+    put(&[lever_arm / (gas_length - stroke)], columns);
 }
 
 /// # Errors

@@ -6,7 +6,7 @@
 use super::entry::partner_of;
 use super::friction::direction;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Two columns, zeros without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\].
 pub fn columns(
@@ -22,5 +22,5 @@ pub fn columns(
         let speed = at(dq, j) + ratio * at(dq, partner);
         [direction(speed, transition_width), speed]
     });
-    copy(&both, columns);
+    put(&both, columns);
 }

@@ -2,7 +2,7 @@
 
 use super::EffectInput;
 use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
-use crate::slices::{at, copy, first, tail};
+use crate::slices::{at, first, put, tail};
 
 /// Name in files and reports.
 pub(super) const KIND: &str = "friction";
@@ -134,5 +134,5 @@ pub fn columns(
 ) {
     let [lambda, eps] = first(shape);
     let dq = at(input.state.dq_motor, j);
-    copy(&friction_columns(dq, lambda, eps), columns);
+    put(&friction_columns(dq, lambda, eps), columns);
 }

@@ -4,7 +4,7 @@
 //! then the equation has the solution `z' = sign(dx) + (z - sign(dx)) exp(-|dx| / d)`: exact for any step.
 
 use super::{EffectInput, Entry};
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Numbers per joint: z, the position of the sample before, and 1 from the first sample on.
 pub const MEMORY: usize = 3;
@@ -30,7 +30,7 @@ pub fn columns(
     columns: &mut [f64],
 ) {
     let [distance] = first(shape);
-    copy(
+    put(
         &[bristles(distance, at(input.state.q_motor, j), memory)],
         columns,
     );
@@ -42,6 +42,6 @@ pub(super) fn bristles(distance: f64, q: f64, memory: &mut [f64]) -> f64 {
     let dx = if started > 0.0 { q - before } else { 0.0 };
     let slip = if dx == 0.0 { 0.0 } else { dx.signum() };
     let z = slip + (z - slip) * (-dx.abs() / distance).exp();
-    copy(&[z, q, 1.0], memory);
+    put(&[z, q, 1.0], memory);
     z
 }

@@ -7,7 +7,7 @@
 //! `u + c (1 - z s)(1 - exp(-u/d)) = |dtau_link|`, s the sign of that way: exact for any step.
 
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Most Newton steps: enough for eight digits where teeth carry a thousand times d, for all where it is like d.
 const STEPS: usize = 8;
@@ -29,8 +29,8 @@ pub fn columns(
     let turning = carried * (1.0 - z * way);
     let left = (-wound(change.abs() / distance, turning / distance)).exp();
     let z = way + (z - way) * left;
-    copy(&[z, load, 1.0], memory);
-    copy(&[z], columns);
+    put(&[z, load, 1.0], memory);
+    put(&[z], columns);
 }
 
 /// Root y of `y + a (1 - exp(-y)) = t` for t and a of at least zero: Newton's steps from the left never pass it.

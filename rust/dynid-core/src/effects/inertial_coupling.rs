@@ -2,7 +2,7 @@
 
 use super::entry::partner_of;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// One column, zero without a partner. `shape`: partner p (index along the chain, or -1).
 pub fn columns(
@@ -14,5 +14,5 @@ pub fn columns(
 ) {
     let [partner] = first(shape);
     let column = partner_of(partner).map_or(0.0, |partner| at(input.state.ddq_motor, partner));
-    copy(&[column], columns);
+    put(&[column], columns);
 }

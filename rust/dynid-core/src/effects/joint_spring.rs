@@ -1,7 +1,7 @@
 //! A spring at the joint, as a cable pack or a balancer: `k (q - q_0)`.
 
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// One column. `shape`: rest position q_0 \[rad\]; beside a torque offset any will do, the offset makes up for it.
 pub fn columns(
@@ -12,5 +12,5 @@ pub fn columns(
     columns: &mut [f64],
 ) {
     let [rest] = first(shape);
-    copy(&[at(input.state.q, j) - rest], columns);
+    put(&[at(input.state.q, j) - rest], columns);
 }

@@ -2,7 +2,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Two columns, at standstill speed and growing with it. `shape`: eps \[rad/s\]. The load is the rigid-body torque that
 /// the model predicts, never a measured one.
@@ -16,5 +16,5 @@ pub fn columns(
     let [transition_width] = first(shape);
     let dq = at(input.state.dq_motor, j);
     let standstill = at(input.tau_link, j).abs() * direction(dq, transition_width);
-    copy(&[standstill, standstill * dq.abs()], columns);
+    put(&[standstill, standstill * dq.abs()], columns);
 }

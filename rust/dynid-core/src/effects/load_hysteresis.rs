@@ -3,7 +3,7 @@
 
 use super::friction_hysteresis::bristles;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// One column. `shape`: pre-sliding distance d \[rad\]. The load is the rigid-body torque that the model predicts, never a
 /// measured one; the bristles' way does not depend on it.
@@ -16,5 +16,5 @@ pub fn columns(
 ) {
     let [distance] = first(shape);
     let z = bristles(distance, at(input.state.q_motor, j), memory);
-    copy(&[at(input.tau_link, j).abs() * z], columns);
+    put(&[at(input.tau_link, j).abs() * z], columns);
 }

@@ -2,7 +2,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Two columns. `shape`: N \[cycles per turn\], eps \[rad/s\]. It turns round with the speed, which tells it from gravity.
 pub fn columns(
@@ -15,5 +15,5 @@ pub fn columns(
     let [cycles, transition_width] = first(shape);
     let s = direction(at(input.state.dq_motor, j), transition_width);
     let (sin, cos) = (cycles * at(input.state.q, j)).sin_cos();
-    copy(&[s * cos, s * sin], columns);
+    put(&[s * cos, s * sin], columns);
 }

@@ -1,7 +1,7 @@
 //! Rotor inertia, reflected to the link side: `tau_j = J_j ddq_motor_j`.
 
 use super::EffectInput;
-use crate::slices::{at, copy};
+use crate::slices::{at, put};
 
 /// One column: the motor's acceleration, reduced by the gear \[rad/s²\]. Its coefficient is the rotor's inertia times
 /// the gear ratio squared \[kg·m²\].
@@ -12,5 +12,5 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    copy(&[at(input.state.ddq_motor, j)], columns);
+    put(&[at(input.state.ddq_motor, j)], columns);
 }

@@ -4,7 +4,7 @@
 //! arctan, 2.5 like a tanh, 6 nearly a corner. Odd and even terms make up the two directions, up to the second order.
 
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Name in files and reports.
 pub(crate) const KIND: &str = "smooth_friction";
@@ -38,7 +38,7 @@ pub fn columns(
     let [transition_width, sharpness] = first(shape);
     let v = at(input.state.dq_motor, j);
     let (s, size) = (rounded_sign(v, transition_width, sharpness), v.abs());
-    copy(&[s, s.abs(), v, size, v * size, v * v], columns);
+    put(&[s, s.abs(), v, size, v * size, v * v], columns);
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Two columns, one per direction of the motor's speed, like Coulomb's. `shape`: v_s \[rad/s\], d, eps \[rad/s\].
 pub fn columns(
@@ -21,5 +21,5 @@ pub fn columns(
     } else {
         [column, 0.0]
     };
-    copy(&sides, columns);
+    put(&sides, columns);
 }

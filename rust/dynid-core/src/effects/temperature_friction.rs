@@ -2,7 +2,7 @@
 
 use super::friction::{friction_columns, N_FRICTION};
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// One column: change per kelvin, as a part of friction. `shape`: T_0 \[degC\], eps \[rad/s\], the eight coefficients of F.
 /// Nothing where the temperature is not known.
@@ -22,5 +22,5 @@ pub fn columns(
         let products = basis.into_iter().zip(coefficients).map(|(b, c)| b * c);
         column = above * products.sum::<f64>();
     }
-    copy(&[column], columns);
+    put(&[column], columns);
 }

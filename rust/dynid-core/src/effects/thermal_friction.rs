@@ -5,7 +5,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
-use crate::slices::{at, copy, first};
+use crate::slices::{at, first, put};
 
 /// Numbers per joint: the warmth f.
 pub const MEMORY: usize = 1;
@@ -24,7 +24,7 @@ pub fn columns(
     let [time_constant, reference_speed, transition_width] = first(shape);
     let dq = at(input.state.dq_motor, j);
     let [warmth] = first(memory);
-    copy(
+    put(
         &[warmth * direction(dq, transition_width), warmth * dq],
         columns,
     );
@@ -34,5 +34,5 @@ pub fn columns(
         1.0
     };
     let next = warmth - (source - warmth) * (-input.step / time_constant).exp_m1();
-    copy(&[next], memory);
+    put(&[next], memory);
 }

@@ -1,7 +1,7 @@
 //! A constant torque per joint: `tau_j = o_j`.
 
 use super::EffectInput;
-use crate::slices::copy;
+use crate::slices::put;
 
 /// One column of ones: offset of the torque channel, or the even part of friction \[N·m\].
 pub fn columns(
@@ -11,5 +11,5 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    copy(&[1.0], columns);
+    put(&[1.0], columns);
 }

@@ -1,7 +1,7 @@
 //! A torque constant that droops at high current: `c tau_motor^3`, c above zero where the drive claims more than it gives.
 
 use super::EffectInput;
-use crate::slices::{at, copy};
+use crate::slices::{at, put};
 
 /// One column: the cube of the motor's whole torque as the model predicts it, friction and rotor included, never of a
 /// measured one. A current makes them all, so of the load's cube alone friction under load would be left.
@@ -13,5 +13,5 @@ pub fn columns(
     columns: &mut [f64],
 ) {
     let tau = at(input.tau_motor, j);
-    copy(&[tau * tau * tau], columns);
+    put(&[tau * tau * tau], columns);
 }

@@ -35,6 +35,18 @@ impl Lower {
         &self.numbers[first + columns.start / MOST_LANES..first + columns.end.div_ceil(MOST_LANES)]
     }
 
+    /// The numbers of row i.
+    #[inline(always)]
+    pub(super) fn flat(&self, i: usize) -> &[f64] {
+        self.numbers[i * self.stride..(i + 1) * self.stride].as_flattened()
+    }
+
+    /// [`Self::flat`], to be written.
+    #[inline(always)]
+    pub(super) fn flat_mut(&mut self, i: usize) -> &mut [f64] {
+        self.numbers[i * self.stride..(i + 1) * self.stride].as_flattened_mut()
+    }
+
     #[inline(always)]
     pub(super) fn at(&self, i: usize, k: usize) -> f64 {
         self.numbers[i * self.stride + k / MOST_LANES][k % MOST_LANES]

@@ -1,12 +1,19 @@
 //! The joints' Gram matrices and the prior in the order of the factor.
 
+use std::ops::Range;
+
+use dynid_core::lanes::MOST_LANES;
+
 use super::factor::Lower;
 use super::{JointGram, NormalPrior};
+use crate::triangle::total;
 
 /// One joint in the order of the factor.
 pub(super) struct Joint {
-    /// Row, column, entry of the Gram matrix left of the diagonal.
-    pairs: Vec<(u32, u32, f64)>,
+    /// Entries of the Gram matrix left of the diagonal, row by row.
+    entries: Vec<f64>,
+    /// Where they stand among all unknowns: row, and columns that follow each other.
+    runs: Vec<(usize, Range<usize>)>,
     /// Entries on it, in the order of `places`.
     squares: Vec<f64>,
     pub(super) places: Vec<usize>,
@@ -23,17 +30,20 @@ impl Joint {
         let mut columns: Vec<usize> = (0..k).collect();
         columns.sort_by_key(|&c| order[joint.places[c]]);
         let place = |c: usize| order[joint.places[c]];
-        let mut pairs = Vec::with_capacity(k * k / 2);
+        let places: Vec<usize> = columns.iter().map(|&c| place(c)).collect();
+        let mut entries = Vec::with_capacity(k * k / 2);
+        let mut runs = Vec::new();
         for (a, &row) in columns.iter().enumerate() {
-            for &column in &columns[..a] {
-                let entry = joint.gram[row * (k + 1) + column];
-                pairs.push((place(row) as u32, place(column) as u32, entry));
-            }
+            let gram = &joint.gram[row * (k + 1)..(row + 1) * (k + 1)];
+            entries.extend(columns[..a].iter().map(|&column| gram[column]));
+            let alike = places[..a].chunk_by(|here, next| here + 1 == *next);
+            runs.extend(alike.map(|run| (places[a], run[0]..run[0] + run.len())));
         }
         Self {
-            pairs,
+            entries,
+            runs,
             squares: columns.iter().map(|&c| joint.gram[c * (k + 2)]).collect(),
-            places: columns.iter().map(|&c| place(c)).collect(),
+            places,
             moment: columns
                 .iter()
                 .map(|&c| joint.gram[c * (k + 1) + k])
@@ -42,13 +52,38 @@ impl Joint {
         }
     }
 
-    /// `sum over a, b of G_ab X_ab` of a symmetric X.
+    /// Row, columns and entries left of the diagonal, as far as columns follow each other.
     #[inline(always)]
-    pub(super) fn along(&self, x: impl Fn(usize, usize) -> f64) -> f64 {
-        let twice = |&(a, b, entry): &(u32, u32, f64)| entry * x(a as usize, b as usize);
-        let once = |(&at, entry): (&usize, &f64)| entry * x(at, at);
+    fn pieces(&self) -> impl Iterator<Item = (usize, Range<usize>, &[f64])> {
+        self.runs.iter().scan(0, |first, (row, columns)| {
+            let entries = &self.entries[*first..*first + columns.len()];
+            *first += columns.len();
+            Some((*row, columns.clone(), entries))
+        })
+    }
+
+    /// `tr(G D X D)` of a symmetric X with the diagonal matrix D.
+    #[inline(always)]
+    pub(super) fn trace(&self, x: &Lower, scale: &[f64]) -> f64 {
+        let twice = |(row, columns, entries): (usize, Range<usize>, &[f64])| {
+            let x = &x.flat(row)[columns.clone()];
+            scale[row] * sum(entries, |k| x[k] * scale[columns.start + k])
+        };
+        let once = |(&at, entry): (&usize, &f64)| entry * x.at(at, at) * scale[at] * scale[at];
         let own: f64 = self.places.iter().zip(&self.squares).map(once).sum();
-        2.0 * self.pairs.iter().map(twice).sum::<f64>() + own
+        2.0 * self.pieces().map(twice).sum::<f64>() + own
+    }
+
+    /// `x' G x`
+    #[inline(always)]
+    fn along(&self, x: &[f64]) -> f64 {
+        let twice = |(row, columns, entries): (usize, Range<usize>, &[f64])| {
+            let other = &x[columns];
+            x[row] * sum(entries, |k| other[k])
+        };
+        let once = |(&at, entry): (&usize, &f64)| entry * x[at] * x[at];
+        let own: f64 = self.places.iter().zip(&self.squares).map(once).sum();
+        2.0 * self.pieces().map(twice).sum::<f64>() + own
     }
 
     /// `|y - M x|^2`
@@ -60,8 +95,24 @@ impl Joint {
             .zip(&self.moment)
             .map(|(&at, g)| g * x[at])
             .sum();
-        (self.square - 2.0 * mixed + self.along(|a, b| x[a] * x[b])).max(0.0)
+        (self.square - 2.0 * mixed + self.along(x)).max(0.0)
     }
+}
+
+/// Sum of entries times what belongs to each, in [`MOST_LANES`] parts side by side.
+#[inline(always)]
+fn sum(entries: &[f64], of: impl Fn(usize) -> f64) -> f64 {
+    let mut parts = [0.0; MOST_LANES];
+    let (eights, rest) = entries.as_chunks::<MOST_LANES>();
+    for (block, eight) in eights.iter().enumerate() {
+        for (lane, (part, entry)) in parts.iter_mut().zip(eight).enumerate() {
+            *part += entry * of(block * MOST_LANES + lane);
+        }
+    }
+    for (lane, (part, entry)) in parts.iter_mut().zip(rest).enumerate() {
+        *part += entry * of(eights.len() * MOST_LANES + lane);
+    }
+    total(&parts)
 }
 
 /// All joints and the prior in the order of the factor.
@@ -132,11 +183,15 @@ impl System {
     }
 
     /// H and its right-hand side.
+    #[inline(always)]
     pub(super) fn weighted(&self, weights: &[f64]) -> (Lower, Vec<f64>) {
         let (mut precision, mut moment) = (self.prior.clone(), self.moment.clone());
         for (joint, w) in self.joints.iter().zip(weights) {
-            for &(a, b, entry) in &joint.pairs {
-                *precision.at_mut(a as usize, b as usize) += w * entry;
+            for (row, columns, entries) in joint.pieces() {
+                let to = &mut precision.flat_mut(row)[columns];
+                for (to, entry) in to.iter_mut().zip(entries) {
+                    *to += w * entry;
+                }
             }
             for ((&at, square), g) in joint.places.iter().zip(&joint.squares).zip(&joint.moment) {
                 precision.diagonal[at] += w * square;
