@@ -64,7 +64,9 @@ def test_what_was_found_on_a_short_run_harms_no_joint(declared):
     """At other weights the evidence chose a narrower prior; a joint without a name was predicted 4.5 times worse."""
     setup, _, runs, _ = declared
     found = dyn.diagnose(setup, runs)
-    assert {effect.kind for effect in found.effects} >= {"stribeck", "load_hysteresis"}
+    assert "load_hysteresis" in {effect.kind for effect in found.effects}
+    # A peak, bristles and a coupled wrist at once: the first stands in for all, and what it is is not told.
+    assert any(entry.get("told_as", entry["kind"]) == "stribeck" for entry in found.entries)
     error = found.result["rmse"]["test"]
     assert np.all(np.array(error["after"]) < 1.05 * np.array(error["before"]))
 

@@ -21,8 +21,6 @@ from helpers.measured_sets import (
 )
 from helpers.result_files import validator
 
-from dynid_rs.model.placed import CATALOGUE
-
 
 @functools.cache
 def diagnosed(name):
@@ -63,17 +61,6 @@ def test_a_list_that_a_person_believes(name):
     assert len(result["effects"]) <= max(limits.effects, reached.effects)
     if reached.named:
         assert missing_names(result, limits) == []
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_what_has_a_name_has_a_size(name):
-    """Of every torque that is named some coefficient is not zero at 95 %."""
-    for effect in answer(name)["effects"]:
-        if effect["kind"] not in CATALOGUE or effect["kind"] == "torque_ripple":
-            continue  # encoders and ripple are judged at full rate
-        sizes = {c["name"] for c in CATALOGUE[effect["kind"]]["coefficients"]}
-        known = [p["interval"] for p in effect["parameters"] if p["name"] in sizes and p["interval"] is not None]
-        assert any(low > 0 or high < 0 for low, high in known), effect["kind"]
 
 
 def test_the_ur10e_s_names():

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.shapes import searched
-from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes, is_logarithmic
+from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import gain_spread
 from dynid_rs.diagnosis.trials import blocks
@@ -49,22 +49,10 @@ class Estimate:
 def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     """Numbers of every name with intervals: from the covariance with all of them, and all shapes, unknown together."""
     fit, setup = found.fit, found.setup
-    beside = found.beside
-    model = beside.model
-    size = len(beside.best.x)
-    places = {effect: [at for _, at in own] for effect, own in zip(setup.effects, found.places(), strict=True)}
-    slopes = effect_slopes(found)
-    structural = found.structure()
-    model = model.beside(
-        *(slope.columns for slope in slopes),
-        *(h.columns for h in structural),
-        *({j: SPREAD * column for j, column in slope.columns.items()} for slope in friction_slopes(found)),
-    )
-    # A peak of friction is told by what is left of friction, so it is known as well as the sign's rounding is.
-    peaks = [e for e in setup.effects if len(e.joints) == 1 and CATALOGUE[e.kind]["signals"] == ["dq_motor"]]
-    model = model.beside(*(_any_rounding(found, effect, places[effect]) for effect in peaks))
-    best = model.fit(beside.best.choice, beside.best.noise)
-    std = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
+    size = len(found.beside.best.x)
+    places = _places(found)
+    slopes, structural = effect_slopes(found), found.structure()
+    std = _spread(found, slopes, structural)
     known: dict[Place, list[Estimate]] = {place: [] for place in found.named}
     at = size
     for effect in setup.effects:
@@ -90,11 +78,39 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     return known
 
 
-def is_told(kind: str, numbers: Sequence[Estimate]) -> bool:
-    """Whether some size of an effect is not zero, at 95 %: its shapes alone are no effect."""
-    sizes = {c["name"] for c in CATALOGUE[kind]["coefficients"]} if kind in CATALOGUE else None
-    known = [one.interval for one in numbers if (sizes is None or one.name in sizes) and one.interval is not None]
-    return any(not low <= 0.0 <= high for low, high in known)
+def is_sized(found: Belief, effect: PlacedEffect) -> bool:
+    """Whether some coefficient of a torque is not zero at 95 %, at the shape that it has, all else unknown.
+
+    How high a peak is may be open where its width is, and yet there is one.
+    """
+    others = [slope for slope in effect_slopes(found) if slope.effect is not effect]
+    at = _places(found)[effect]
+    std, entry = _spread(found, others, found.structure())[at], CATALOGUE[effect.kind]["coefficients"]
+    lower, upper = (np.array([entry[k % len(entry)][end] for k in range(len(at))]) for end in ("lower", "upper"))
+    x = np.clip(found.fit.links_.x_[at], lower, upper)
+    return bool(np.any(np.abs(x) > NORMAL_95 * std))
+
+
+def _places(found: Belief) -> dict[PlacedEffect, list[int]]:
+    """Where the coefficients of every torque stand among the fit's unknowns."""
+    own = zip(found.setup.effects, found.places(), strict=True)
+    return {effect: [at for _, at in places] for effect, places in own}
+
+
+def _spread(found: Belief, slopes: Sequence[Slope], structural: Sequence[Hypothesis]) -> FloatArray:
+    """Standard deviations of all unknowns, then of `slopes`, of changes of structure and of friction's shapes."""
+    beside, places = found.beside, _places(found)
+    model = beside.model.beside(
+        *(slope.columns for slope in slopes),
+        *(h.columns for h in structural),
+        *({j: SPREAD * column for j, column in slope.columns.items()} for slope in friction_slopes(found)),
+    )
+    # A peak of friction is told by what is left of friction, so it is known as well as the sign's rounding is.
+    peaks = [e for e in places if len(e.joints) == 1 and CATALOGUE[e.kind]["signals"] == ["dq_motor"]]
+    model = model.beside(*(_any_rounding(found, effect, places[effect]) for effect in peaks))
+    best = model.fit(beside.best.choice, beside.best.noise)
+    spread: FloatArray = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
+    return spread
 
 
 def _any_rounding(found: Belief, effect: PlacedEffect, places: Sequence[int]) -> Columns:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.estimates import estimates, is_told
+from dynid_rs.diagnosis.estimates import estimates
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
@@ -94,10 +94,14 @@ def sized(belief: Belief) -> None:
     while True:
         known = estimates(belief)
         structure = [h.place for h in belief.structure() if h.place != belief.mounting]
-        at = [place for place in structure if not is_told(place[0], known[place])]
+        at = [place for place in structure if all(_may_be_none(number.interval) for number in known[place])]
         if not at:
             return
         belief.remove(min(at, key=lambda place: belief.named[place].log_odds))
+
+
+def _may_be_none(interval: tuple[float, float] | None) -> bool:
+    return interval is None or interval[0] <= 0.0 <= interval[1]
 
 
 def harmless(belief: Belief) -> None:
