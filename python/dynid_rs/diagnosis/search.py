@@ -35,7 +35,7 @@ MOST_ROUNDS, MOST_A_ROUND = 6, 12
 """Rounds of naming and refitting, and names in a round."""
 FALLEN = 0.5
 """A joint whose noise falls below this part waits until friction's shapes, which are linear near themselves only, are
-fitted again."""
+fitted again; so does one whose structure changes."""
 
 
 def search(
@@ -143,6 +143,8 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
         before, beside = beside.best, beside.with_columns(own.columns)
         settled = beside.best.noise > FALLEN * before.noise
+        if shaped.kind in REFITTED:
+            settled[list(shaped.columns)] = False
         open_ = [h for h in open_ if all(settled[j] for j in h.columns)]
         if told:
             still = {v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals}
