@@ -29,7 +29,7 @@ def test_friction_that_turns_round_later_is_that_of_a_shifted_clock(fit):
             sign = dq / (width**sharpness + np.abs(dq) ** sharpness) ** (1 / sharpness)
             later, sooner = (np.interp(states.t - dt, states.t, sign) for dt in (late, -late))
             shown.append(states.in_band(later - sooner))
-        column, width_column = other_time(fit, j)[:, 0], shape_slopes(fit.observations_.plan, fit.links_, fit.runs_, j)
+        column, width_column = other_time(fit)[j][:, 0], shape_slopes(fit.observations_.plan, fit.links_, fit.runs_, j)
         assert abs(np.corrcoef(column, np.concatenate(shown))[0, 1]) > 0.99
         # As usual as another width is, and as large.
         assert np.linalg.norm(column) == pytest.approx(np.linalg.norm(width_column[:, 0]))

@@ -7,7 +7,7 @@ import pytest
 from helpers.diagnosed import ROBOT, found_in, measured
 
 from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.estimates import _interval, _scatter, is_sized
+from dynid_rs.diagnosis.estimates import _interval, _scatter, sized_torques
 from dynid_rs.diagnosis.gear_model import Flat
 from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.setup import Setup
@@ -53,7 +53,7 @@ def test_a_torque_that_is_there_has_a_size_and_one_that_is_not_has_none():
     belief = Belief.in_declared(Setup(ROBOT), measured("joint_spring:elbow:2", n_runs=2))
     there, not_there = (Shaped("joint_spring", (j,), (("rest_position", 0.0),)) for j in (1, 2))
     belief.accept([Named(h, 20.0) for h in belief.catalogue.of([there, not_there])])
-    assert [is_sized(belief, effect) for effect in belief.setup.effects] == [True, False]
+    assert [effect in sized_torques(belief) for effect in belief.setup.effects] == [True, False]
 
 
 def test_a_peak_has_a_size_though_nobody_knows_how_high_it_is():

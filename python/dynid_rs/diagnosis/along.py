@@ -208,13 +208,14 @@ class Along:
 
     def _shapes(self, fit: ThreeLoopIdentifier) -> list[Columns]:
         """Friction's other shapes on the joints in question, for coefficients that are standard normal beforehand."""
+        sooner = other_time(fit)
         return [
             {j: SHAPE_SPREAD * columns}
             for j in self.joints
             for columns in (
                 shape_slopes(self.asked.plan, self.asked.links, fit.runs_, j),
                 other_roundings(fit, j),
-                other_time(fit, j),
+                sooner[j],
             )
         ]
 

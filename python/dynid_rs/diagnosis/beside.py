@@ -63,10 +63,11 @@ class Beside:
         further: list[Columns] = [
             {j: SCALE_SPREAD * load[j][:, None]} for j in np.flatnonzero(posterior.scale != 1.0).tolist()
         ]
+        sooner = other_time(fit)
         for j in range(n):
             further.append({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
             further.append({j: SHAPE_SPREAD * other_roundings(fit, j)})
-            further.append({j: SHAPE_SPREAD * other_time(fit, j)})
+            further.append({j: SHAPE_SPREAD * sooner[j]})
         between = between_encoders(fit)
         if between.size:
             further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
@@ -189,20 +190,23 @@ def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def other_time(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
-    """Change of joint j's friction if it turned round at another time, as large as that of another width, (n_rows, 1).
+def other_time(fit: ThreeLoopIdentifier) -> list[FloatArray]:
+    """Change of every joint's friction if it turned round at another time, as large as that of another width.
 
-    A law that is not quite right turns round too soon or too late; no channel has another clock for that.
+    One column (n_rows, 1) per joint. A law that is not quite right turns round too soon or too late; no channel has
+    another clock for that.
     """
-    friction, _ = fit.observations_.plan.friction
-    ends = []
-    for samples in (0.5, -0.5):
-        moved = [replace(s, dq_motor=s.dq_motor + samples / s.rate * s.ddq_motor) for s in fit.runs_]
-        ends.append(_sign(moved, friction, j))
-    turns = ends[0] - ends[1]
-    width = shape_slopes(fit.observations_.plan, fit.links_, fit.runs_, j)[:, 0]
-    size = max(float(np.linalg.norm(turns)), 1e-300)
-    return turns[:, None] * (float(np.linalg.norm(width)) / size)
+    plan = fit.observations_.plan
+    sooner, later = (
+        [replace(s, dq_motor=s.dq_motor + samples / s.rate * s.ddq_motor) for s in fit.runs_] for samples in (0.5, -0.5)
+    )
+    columns = []
+    for j in range(fit.robot.n_joints):
+        turns = _sign(sooner, plan.friction[0], j) - _sign(later, plan.friction[0], j)
+        width = shape_slopes(plan, fit.links_, fit.runs_, j)[:, 0]
+        size = max(float(np.linalg.norm(turns)), 1e-300)
+        columns.append(turns[:, None] * (float(np.linalg.norm(width)) / size))
+    return columns
 
 
 def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:

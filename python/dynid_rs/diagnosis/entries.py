@@ -12,7 +12,7 @@ from dynid_rs.base.odds import p_value
 from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
-from dynid_rs.diagnosis.estimates import Estimate, estimates, is_sized
+from dynid_rs.diagnosis.estimates import Estimate, estimates, sized_torques
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.structure_plot import structure_plot
@@ -37,7 +37,7 @@ def effect_entries(
     holds (`misfit.py`).
     """
     errors = _Errors(found, test)
-    known = estimates(found)
+    known, sized = estimates(found), sized_torques(found)
     names = found.setup.robot.joint_names
     entries = []
     for place, named in sorted(found.named.items(), key=lambda item: -item[1].log_odds):
@@ -65,7 +65,7 @@ def effect_entries(
             entry |= untold(kind, nameless[place], names)
         elif not all(is_one_cause(kind, other) for (other, _), _ in named.ties):  # one or the other
             entry |= {"kind": "unknown", "told_as": kind}
-        elif effect is not None and not is_sized(found, effect):  # it predicts, but its size may be none
+        elif effect is not None and effect not in sized:  # it predicts, but its size may be none
             signal = CATALOGUE[kind]["signals"][0]
             entry |= untold(kind, Argument(tuple((1.0, (signal, j)) for j in joints)), names)
         entries.append(entry)

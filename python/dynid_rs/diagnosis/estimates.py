@@ -78,17 +78,19 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     return known
 
 
-def is_sized(found: Belief, effect: PlacedEffect) -> bool:
-    """Whether some coefficient of a torque is not zero at 95 %, at the shape that it has, all else unknown.
+def sized_torques(found: Belief) -> set[PlacedEffect]:
+    """Torques of which some coefficient is not zero at 95 %, at the shape that they have, all else unknown.
 
     How high a peak is may be open where its width is, and yet there is one.
     """
-    others = [slope for slope in effect_slopes(found) if slope.effect is not effect]
-    at = _places(found)[effect]
-    std, entry = _spread(found, others, found.structure())[at], CATALOGUE[effect.kind]["coefficients"]
-    lower, upper = (np.array([entry[k % len(entry)][end] for k in range(len(at))]) for end in ("lower", "upper"))
-    x = np.clip(found.fit.links_.x_[at], lower, upper)
-    return bool(np.any(np.abs(x) > NORMAL_95 * std))
+    slopes, structural, x, sized = effect_slopes(found), found.structure(), found.fit.links_.x_, set()
+    for effect, at in _places(found).items():
+        std = _spread(found, [slope for slope in slopes if slope.effect is not effect], structural)[at]
+        entry = CATALOGUE[effect.kind]["coefficients"]
+        lower, upper = (np.array([entry[k % len(entry)][end] for k in range(len(at))]) for end in ("lower", "upper"))
+        if np.any(np.abs(np.clip(x[at], lower, upper)) > NORMAL_95 * std):
+            sized.add(effect)
+    return sized
 
 
 def _places(found: Belief) -> dict[PlacedEffect, list[int]]:

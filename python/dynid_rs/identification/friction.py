@@ -6,9 +6,7 @@ one-dimensional in each (variable projection): least squares inside, a scan and 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
+from dynid_rs.base.threads import side_by_side
 from dynid_rs.regression.columns import Plan
 from dynid_rs.runs.preprocessing import Filter, States
 
@@ -137,9 +136,8 @@ class FrictionIdentifier(Estimator):
             return self._search(_PowerLeft(parts, stacked[:, :-1][:, keep], stacked[:, -1], noise, n_orders))
 
         # Joints are independent, and the compiled module lets go of the interpreter.
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            for j, shape in zip(wanted, pool.map(search, wanted), strict=True):
-                self.velocity_threshold_[j], self.transition_width_[j] = shape
+        for j, shape in zip(wanted, side_by_side(search, wanted), strict=True):
+            self.velocity_threshold_[j], self.transition_width_[j] = shape
         self.effect_ = friction_effect(self.velocity_threshold_, self.transition_width_)
         return self
 
