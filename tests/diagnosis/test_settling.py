@@ -18,7 +18,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes
 from dynid_rs.diagnosis.standing import backward
 from dynid_rs.diagnosis.structural.encoder_eccentricity import added
-from dynid_rs.identification.smooth_friction import in_reach, tanh_widths
+from dynid_rs.identification.smooth_friction import in_reach, sign_shape, tanh_widths
 
 ELBOW, WRIST = 1, 2
 FAR = 0.05
@@ -34,6 +34,7 @@ def test_a_peak_of_friction_settles_with_the_sign_that_it_turns_round_with():
     belief = Belief.in_declared(Setup(ROBOT), runs)
     width = 1.5 * tanh_widths(belief.fit.observations_.plan.friction[0])[ELBOW]
     far = (("stribeck_velocity", 1.5 * truth["stribeck_velocity"]), ("exponent", 2.0), ("transition_width", width))
+    far = (*far, ("sharpness", 0.0))
     belief = Belief.in_declared(Setup(ROBOT, effects=(Shaped("stribeck", (ELBOW,), far).placed(),)), runs)
     before = belief.kept
     settle(belief)
@@ -45,10 +46,11 @@ def test_a_peak_of_friction_settles_with_the_sign_that_it_turns_round_with():
 
 
 def test_a_step_moves_every_shape_and_none_out_of_its_range():
-    sign = (("stribeck_velocity", 0.1), ("exponent", 2.0), ("transition_width", 0.02))
-    stage = (("partner", float(WRIST)), ("ratio", 0.5), ("transition_width", 0.02))
+    sign = (("transition_width", 0.02), ("sharpness", 2.0))
+    peak = (("stribeck_velocity", 0.1), ("exponent", 2.0), *sign)
+    stage = (("partner", float(WRIST)), ("ratio", 0.5), *sign)
     effects = (
-        Shaped("stribeck", (ELBOW,), sign).placed(),
+        Shaped("stribeck", (ELBOW,), peak).placed(),
         Shaped("coupled_friction", (ELBOW, WRIST), stage).placed(),
     )
     belief = Belief.in_declared(Setup(ROBOT, effects=effects), measured("stribeck:elbow"))
@@ -88,13 +90,23 @@ def test_a_clock_that_is_wrong_is_no_likelier():
 
 
 def test_both_signs_of_friction_that_two_joints_share_turn_round_with_one_width():
-    shared = Shaped(
-        "coupled_friction", (ELBOW, WRIST), (("partner", float(WRIST)), ("ratio", 1.0), ("transition_width", 0.02))
-    )
+    sign = (("transition_width", 0.02), ("sharpness", 2.0))
+    shared = Shaped("coupled_friction", (ELBOW, WRIST), (("partner", float(WRIST)), ("ratio", 1.0), *sign))
     belief = Belief.in_declared(Setup(ROBOT, effects=(shared.placed(),)), measured("stribeck:elbow"))
     reached = {(slope.name, slope.joint): set(slope.columns) for slope in friction_slopes(belief)}
     assert reached["transition_width", ELBOW] == reached["sharpness", ELBOW] == {ELBOW, WRIST}
     assert reached["transition_width", WRIST] == {WRIST}
+
+
+def test_every_effect_turns_round_with_its_joint_s_friction():
+    belief = Belief.in_declared(Setup(ROBOT), measured("stribeck:elbow:4"))
+    (h,) = [h for h in belief.catalogue.hypotheses() if h.place == ("position_dependent_friction", (ELBOW,))][:1]
+    belief.setup = replace(belief.setup, effects=(Shaped(h.kind, h.joints, h.shape).placed(),))
+    width, sharpness = np.array([0.01, 0.02, 0.03]), np.array([1.2, 1.5, 4.0])
+    belief.reshape(belief.setup.effects, (width, sharpness))
+    friction, shape = belief.fit.friction_, belief.setup.effects[0].shape_at(ELBOW)
+    assert shape["transition_width"] == friction.transition_width_[ELBOW]
+    assert shape["sharpness"] == friction.sharpness_[ELBOW]
 
 
 def test_a_width_beyond_its_reach_stays_where_it_is_until_it_is_moved():
@@ -136,9 +148,10 @@ def test_another_shape_of_the_grid_may_be_the_best_beside_all_others():
     truth = {value.name: value.value[0] for value in effect.values}
     runs = measured(wish)
     fit = Belief.in_declared(Setup(ROBOT), runs).fit
-    width = float(tanh_widths(fit.observations_.plan.friction[0])[ELBOW])
+    width, sharpness = (float(shape[ELBOW]) for shape in sign_shape(fit.observations_.plan.friction[0]))
     other = 1.0 if truth["cycles"] > 1.5 else 3.0
-    wrong = Shaped("position_dependent_friction", (ELBOW,), (("cycles", other), ("transition_width", width)))
+    shape = (("cycles", other), ("transition_width", width), ("sharpness", sharpness))
+    wrong = Shaped("position_dependent_friction", (ELBOW,), shape)
     belief = Belief.in_declared(Setup(ROBOT, effects=(wrong.placed(),)), runs)
     settle(belief)
     assert belief.setup.effects[0].shape_at(ELBOW)["cycles"] == pytest.approx(truth["cycles"], rel=0.05)

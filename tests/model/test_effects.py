@@ -33,6 +33,7 @@ SHAPES = {
         "stribeck_velocity": [0.1, 0.3, 1.0],
         "exponent": [1.0, 2.0, 0.7],
         "transition_width": [0.01, 0.02, 0.03],
+        "sharpness": [2.5, 1.2, 0.0],
     },
     "counterbalance": {
         "a": [0.8, 0.3, 1.0],
@@ -40,8 +41,12 @@ SHAPES = {
         "phase": [0.4, -2.0, 3.0],
         "gas_length": [0.6, 0.9, -0.3],
     },
-    "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03]},
-    "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
+    "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03], "sharpness": [0.0, 1.0, 2.5]},
+    "position_dependent_friction": {
+        "cycles": [1.0, 2.0, 3.0],
+        "transition_width": [0.01, 0.02, 0.03],
+        "sharpness": [0.0, 1.0, 2.5],
+    },
     "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
     "load_hysteresis": {"presliding_distance": [0.002, 0.02, 0.2]},
     "gear_hysteresis": {"hysteresis_load": [1.0, 4.0, 0.5], "carried_load": [0.0, 2.0, 3.0]},
@@ -49,6 +54,7 @@ SHAPES = {
         "partner": [1.0, 0.0, -1.0],
         "ratio": [0.5, 2.0, 1.0],
         "transition_width": [0.01, 0.02, 0.03],
+        "sharpness": [2.5, 1.2, 0.0],
     },
     "torque_ripple": {"cycles": [1.0, 57.3, 100.0]},
     "inertial_coupling": {"partner": [2.0, -1.0, 0.0]},
@@ -58,10 +64,12 @@ SHAPES = {
         "time_constant": [0.5, 1.0, 2.0],
         "reference_speed": [0.0, 0.5, 2.0],
         "transition_width": [0.01, 0.02, 0.03],
+        "sharpness": [2.5, 1.2, 0.0],
     },
     "temperature_friction": {
         "reference_temperature": [20.0, 30.0, -5.0],
         "transition_width": [0.01, 0.02, 0.03],
+        "sharpness": [2.5, 1.2, 0.0],
         **{name: [3.0 - k, 0.5 * k, 1.0] for k, name in enumerate(FRICTION_NAMES)},
     },
 }
@@ -97,36 +105,36 @@ def effect_of(kind):
     return _core.Effect.of(kind, **SHAPES[kind])
 
 
-def step(speed, width):
-    return np.tanh(speed / width)
+def sign(speed, p):
+    """Friction's sign, joint by joint: of some sharpness, or a tanh where that is 0."""
+    sharp = np.where(p.sharpness > 0, p.sharpness, 1.0)
+    rounded = speed / (np.abs(speed) ** sharp + p.transition_width**sharp) ** (1 / sharp)
+    return np.where(p.sharpness > 0, rounded, np.tanh(speed / p.transition_width))
 
 
 def smooth_friction(p, x):
-    v, size = x.dq_motor, np.abs(x.dq_motor)
-    s = v / (size**p.sharpness + p.transition_width**p.sharpness) ** (1 / p.sharpness)
+    v, size, s = x.dq_motor, np.abs(x.dq_motor), sign(x.dq_motor, p)
     return [s, np.abs(s), v, size, v * size, v**2]
 
 
 def stribeck(p, x):
-    size = step(x.dq_motor, p.transition_width) * np.exp(-((np.abs(x.dq_motor) / p.stribeck_velocity) ** p.exponent))
+    size = sign(x.dq_motor, p) * np.exp(-((np.abs(x.dq_motor) / p.stribeck_velocity) ** p.exponent))
     return [np.where(x.dq_motor >= 0, size, 0), np.where(x.dq_motor < 0, size, 0)]
 
 
 def load_dependent_friction(p, x):
-    at_rest = np.abs(x.tau_link) * step(x.dq_motor, p.transition_width)
+    at_rest = np.abs(x.tau_link) * sign(x.dq_motor, p)
     return [at_rest, at_rest * np.abs(x.dq_motor)]
 
 
 def position_dependent_friction(p, x):
-    return [step(x.dq_motor, p.transition_width) * wave(p.cycles * x.q) for wave in (np.cos, np.sin)]
+    return [sign(x.dq_motor, p) * wave(p.cycles * x.q) for wave in (np.cos, np.sin)]
 
 
 def coupled_friction(p, x):
-    both = [x.dq_motor[:, 0] + 0.5 * x.dq_motor[:, 1], x.dq_motor[:, 1] + 2.0 * x.dq_motor[:, 0]]
-    return [
-        np.stack(column, axis=1)
-        for column in ((step(both[0], 0.01), step(both[1], 0.02), 0 * both[0]), (*both, 0 * both[0]))
-    ]
+    v = x.dq_motor
+    both, there = np.stack([v[:, 0] + 0.5 * v[:, 1], v[:, 1] + 2.0 * v[:, 0], v[:, 2]], axis=1), [1, 1, 0]
+    return [sign(both, p) * there, both * there]
 
 
 def torque_ripple(p, x):
@@ -138,9 +146,11 @@ def inertial_coupling(p, x):
 
 
 def temperature_friction(p, x):
-    basis = [_core.friction_basis(x.dq_motor[:, j], 0.0, p.transition_width[j]) for j in range(N)]
-    levels = np.array([getattr(p, name) for name in FRICTION_NAMES])
-    friction = np.stack([basis[j] @ levels[:, j] for j in range(N)], axis=1)
+    v, s = x.dq_motor, sign(x.dq_motor, p)
+    gate = (1 + np.abs(s)) / 2
+    terms = [s * gate, v * gate, v**2, v**3]  # Eqs. 10-11, each direction with its own coefficients
+    levels = [[getattr(p, FRICTION_NAMES[2 * k + side]) for side in (0, 1)] for k in range(4)]
+    friction = sum(np.where(v >= 0, *both) * term for both, term in zip(levels, terms, strict=True))
     return [(x.temperature - p.reference_temperature) * friction]
 
 
@@ -358,7 +368,8 @@ def test_thermal_friction_is_a_first_order_warm_up():
         t = dt * np.arange(n_samples)[:, None]
         source = np.array([1.0, 0.4 / 0.5, 1.5 / 2.0])
         warmth = source * (1 - np.exp(-t / np.array(shape["time_constant"])))
-        assert_allclose(columns[:, :, 0], warmth * step(speed, np.array(shape["transition_width"])), **ALGEBRAIC)
+        p = SimpleNamespace(**{name: np.array(shape[name]) for name in ("transition_width", "sharpness")})
+        assert_allclose(columns[:, :, 0], warmth * sign(speed, p), **ALGEBRAIC)
         assert_allclose(columns[:, :, 1], warmth * speed, **ALGEBRAIC)
 
 
@@ -502,6 +513,7 @@ def test_the_catalogue_says_how_a_shape_is_searched():
     widths = kinds_that(lambda entry: any(p["name"] == "transition_width" for p in entry["shape"]))
     assert relative == {
         ("transition_width", "friction_width"): widths - {"friction", "smooth_friction"},
+        ("sharpness", "friction_sharpness"): widths - {"friction", "smooth_friction"},
         ("hysteresis_load", "load"): {"gear_hysteresis"},
         ("carried_load", "load"): {"gear_hysteresis"},
         ("stribeck_velocity", "speed"): {"stribeck"},
@@ -761,3 +773,14 @@ def test_a_stage_that_two_joints_turn_is_one_stage_seen_from_both(ratio):
     side, speed = np.sign(ratio) * columns[:, 0, 0], columns[:, 0, 1] / ratio
     assert np.ptp(side) > 1
     assert_allclose(columns[:, 2], np.stack([side, speed], axis=1), **ALGEBRAIC)
+
+
+def test_a_sign_without_a_sharpness_is_a_tanh():
+    """As files before version 6 mean it."""
+    shape = {name: values for name, values in SHAPES["load_dependent_friction"].items() if name != "sharpness"}
+    old = _core.Effect.of("load_dependent_friction", **shape)
+    assert old.shape == _core.Effect.of("load_dependent_friction", **shape, sharpness=[0.0] * N).shape
+    assert PlacedEffect.at("load_dependent_friction", 1, transition_width=0.02).shape_at(1)["sharpness"] == 0.0
+    assert dict(old.shape)["sharpness"] == [0.0] * N
+    with pytest.raises(ValueError, match="transition_width, sharpness"):
+        _core.Effect.of("load_dependent_friction", sharpness=[1.0] * N)

@@ -126,7 +126,7 @@ def test_the_file_holds_it(tmp_path, model, states):
     again = TorqueModel.load(tmp_path / "model.json")
     np.testing.assert_array_equal(again.torque_delay, np.full(6, -0.0123))
     np.testing.assert_array_equal(again.evaluate(**states)[0], late.evaluate(**states)[0])
-    assert json.loads((tmp_path / "model.json").read_text())["version"] == 4  # functions of an angle end
+    assert json.loads((tmp_path / "model.json").read_text())["version"] == 6  # a sign has a sharpness
     whole_model(model.robot, states, None, seed=7, effects=[]).with_torque_delay(0.01).save(tmp_path / "model.json")
     assert json.loads((tmp_path / "model.json").read_text())["version"] == 2
     assert "torque_delay" not in (tmp_path / "model.json").read_text().replace("torque_delay", "", 1)
@@ -140,9 +140,11 @@ def test_the_file_holds_one_per_joint(tmp_path, model, states):
     np.testing.assert_array_equal(again.torque_delay, delays)
     np.testing.assert_array_equal(again.evaluate(**states)[0], late.evaluate(**states)[0])
     content = json.loads(path.read_text())
-    assert content["version"] == 5
+    assert content["version"] == 6  # a sign has a sharpness
     with pytest.raises(FormatError, match="a file of version 4 has one torque_delay for all joints"):
         write_again(content | {"version": 4}, path)
+    whole_model(model.robot, states, None, seed=7, effects=[]).with_torque_delay(delays).save(path)
+    assert json.loads(path.read_text())["version"] == 5
     with pytest.raises(FormatError, match="torque_delay has 5 values, expected 6"):
         write_again(content | {"torque_delay": delays[1:]}, path)
 

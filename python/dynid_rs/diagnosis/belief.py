@@ -14,9 +14,9 @@ from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
-from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, smooth, tanh_widths
+from dynid_rs.identification.smooth_friction import Shapes, SmoothFrictionIdentifier, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, HeldEffect, PlacedEffect, own_columns
+from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, HeldEffect, PlacedEffect, own_columns
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.recording import Recording
 
@@ -231,7 +231,7 @@ class Belief:
     def reshape(self, effects: Sequence[PlacedEffect], friction: tuple[FloatArray, FloatArray] | None = None) -> None:
         """Give effects, and friction's sign (widths and sharpnesses), other shapes, and fit everything again."""
         if friction is not None:
-            effects = following(effects, tanh_widths(smooth(*friction)))
+            effects = following(effects, friction)
         self.setup = replace(self.setup, effects=tuple(effects))
         for h in self.catalogue.of([shaped_as(effect) for effect in effects]):
             if h.place in self.named:  # what was believed from the beginning has no name
@@ -267,8 +267,7 @@ class Belief:
 
         A peak of friction that had no name makes the fitted sign steeper, and named with that sign the peak is another.
         """
-        widths = tanh_widths(self.fit.observations_.plan.friction[0])
-        followed = following(self.setup.effects, widths)
+        followed = following(self.setup.effects, sign_shape(self.fit.observations_.plan.friction[0]))
         pairs = zip(self.setup.effects, followed, strict=True)
         moved = any(_apart(shaped_as(old), shaped_as(new)) > SETTLED for old, new in pairs)
         if moved:
@@ -300,22 +299,22 @@ def shaped_evidence(fit: ThreeLoopIdentifier, worth: FloatArray) -> float:
     return evidence
 
 
-def following(effects: Sequence[PlacedEffect], widths: FloatArray) -> tuple[PlacedEffect, ...]:
-    """Return effects whose signs turn round as wide as friction's, `widths` (n_joints,) of a tanh."""
+def following(effects: Sequence[PlacedEffect], sign: Shapes) -> tuple[PlacedEffect, ...]:
+    """Return effects whose signs turn round as friction's, of width and sharpness (n_joints,) `sign`."""
     followed = []
     for effect in effects:
         own = shaped_as(effect)
         for parameter in CATALOGUE[effect.kind]["shape"]:
-            if parameter["relative_to"] == "friction_width":
-                own = own.with_shape(parameter["name"], float(widths[effect.joints[0]]))
+            if (k := FRICTION_SIGN.get(parameter["relative_to"])) is not None:
+                own = own.with_shape(parameter["name"], float(sign[k][effect.joints[0]]))
         followed.append(own.placed())
     return tuple(followed)
 
 
 def _apart(one: Shaped, other: Shaped) -> float:
-    """Greatest logarithm of a ratio between the shapes of two that are shaped alike but for scales."""
-    pairs = zip(one.shape, other.shape, strict=True)
-    return max((abs(float(np.log(b / a))) for (_, a), (_, b) in pairs if a != b), default=0.0)
+    """Greatest logarithm of a ratio between the shapes of two that are shaped alike but for scales; none is far off."""
+    pairs = [(a, b) for (_, a), (_, b) in zip(one.shape, other.shape, strict=True) if a != b]
+    return max((abs(float(np.log(b / a))) if a and b else np.inf for a, b in pairs), default=0.0)
 
 
 def fitted(setup: Setup, train: Sequence[Recording], **options: Estimator) -> ThreeLoopIdentifier:

@@ -140,10 +140,13 @@ def _scatter(model: LinearModel, fit: Fit) -> FloatArray:
     """Standard deviation of all unknowns by how much they change when parts of the data are left out, (n,).
 
     The jackknife over parts (Tukey 1958): what a model cannot say is other in every part, and its covariance does not
-    know of it.
+    know of it. Few parts tell their own scatter badly: it is as much larger as Student's 95 % are than the normal's.
     """
+    from scipy.special import stdtrit
+
     parts = model.solved_without(fit, blocks(model.n_rows))
-    scatter: FloatArray = np.sqrt((len(parts) - 1) * np.var(parts, axis=0))
+    free = len(parts) - 1
+    scatter: FloatArray = np.sqrt(free * np.var(parts, axis=0)) * (stdtrit(free, 0.975) / NORMAL_95)
     return scatter
 
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.loads import link_load, with_load
-from dynid_rs.identification.smooth_friction import in_paper_terms, tanh_widths
+from dynid_rs.identification.smooth_friction import in_paper_terms, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
 
@@ -161,7 +161,7 @@ class Catalogue:
         self._speed = top_speed(self.runs)
         factors, n_rows = fit.observations_.factors(), fit.observations_.n_rows
         self._torque = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
-        self._widths = tanh_widths(fit.observations_.plan.friction[0])
+        self._sign = sign_shape(fit.observations_.plan.friction[0])
         before, self.before = self.before, None
         if before is not None and _same_motion(before.runs, self.runs):
             alike = np.array_equal(before.fit.links_.torque_scale_, fit.links_.torque_scale_)
@@ -177,8 +177,9 @@ class Catalogue:
     def _still_sought(self, s: Shaped) -> bool:
         """Whether columns of an earlier fit are the same beside this one, and its sign is still that of friction."""
         entry, shape = CATALOGUE[s.kind], dict(s.shape)
-        signs = [p["name"] for p in entry["shape"] if p["relative_to"] == "friction_width"]
-        return not is_of_load(entry["signals"]) and all(shape[n] == self._widths[s.joints[0]] for n in signs)
+        signs = {p["name"]: FRICTION_SIGN.get(p["relative_to"]) for p in entry["shape"]}
+        same = (shape[n] == self._sign[k][s.joints[0]] for n, k in signs.items() if k is not None)
+        return not is_of_load(entry["signals"]) and all(same)
 
     def hypotheses(self) -> list[Hypothesis]:
         """Every kind that is sought, at every place, with every shape of its grid."""
@@ -236,8 +237,8 @@ class Catalogue:
 
     def _values(self, parameter: dict[str, Any], j: int) -> list[float]:
         """Values of a shape parameter on joint j in its own unit."""
-        if parameter["relative_to"] == "friction_width":
-            return [float(self._widths[j])]
+        if (k := FRICTION_SIGN.get(parameter["relative_to"])) is not None:
+            return [float(self._sign[k][j])]
         if parameter["name"] == "partner":
             return [-1.0]
         if parameter["name"] in self._friction(j):

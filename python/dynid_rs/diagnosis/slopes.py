@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import searched
-from dynid_rs.identification.smooth_friction import shape_slopes, width_with_sharpness
-from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.identification.smooth_friction import shape_slopes
+from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect
 from dynid_rs.regression.linear_model import Columns
 
 FloatArray = NDArray[np.float64]
@@ -54,18 +54,17 @@ def friction_slopes(found: Belief) -> list[Slope]:
     """Of every joint's friction: width, with the signs that follow it, and sharpness."""
     fit, n = found.fit, found.setup.robot.n_joints
     plan = fit.observations_.plan
-    following: list[Columns] = [{} for _ in range(n)]
+    following: list[list[Columns]] = [[{}, {}] for _ in range(n)]
     for effect, x in coefficients_of(found):
         for parameter in CATALOGUE[effect.kind]["shape"]:
-            if parameter["relative_to"] == "friction_width":
-                j = effect.joints[0]
-                following[j] = _sum(following[j], _slope(found, effect, parameter["name"], x) or {})
-    slopes, sharper = [], width_with_sharpness(fit.friction_.sharpness_)
+            if (k := FRICTION_SIGN.get(parameter["relative_to"])) is not None:
+                own = following[effect.joints[0]]
+                own[k] = _sum(own[k], _slope(found, effect, parameter["name"], x) or {})
+    slopes = []
     for j, signs in enumerate(following):
-        own = shape_slopes(plan, fit.links_, fit.runs_, j)
-        slopes.append(Slope(None, j, "transition_width", _sum(signs, {j: own[:, :1]})))
-        less = {k: sharper[j] * column for k, column in signs.items()}
-        slopes.append(Slope(None, j, "sharpness", _sum(less, {j: own[:, 1:]})))
+        both = shape_slopes(plan, fit.links_, fit.runs_, j)
+        for k, name in enumerate(("transition_width", "sharpness")):
+            slopes.append(Slope(None, j, name, _sum(signs[k], {j: both[:, k : k + 1]})))
     return slopes
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.beside import NEVER
 from dynid_rs.diagnosis.hypotheses import USUAL, Catalogue, Hypothesis, standardised
-from dynid_rs.identification.smooth_friction import tanh_widths
+from dynid_rs.identification.smooth_friction import sign_shape
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.kept_columns import kept
 from dynid_rs.runs.preprocessing import States
@@ -69,8 +69,8 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
     orders = _orders(len(arguments))
     series = _series(runs, arguments, orders)
     if turning:
-        width = tanh_widths(fit.observations_.plan.friction[0])[j]
-        signs = [_sign(states, j, width) for states in runs]
+        width, sharpness = (shape[j] for shape in sign_shape(fit.observations_.plan.friction[0]))
+        signs = [_sign(states, j, width, sharpness) for states in runs]
         parts = [s.in_band(own * sign[:, None]) for s, own, sign in zip(runs, series(), signs, strict=True)]
     else:  # the same on every joint
         load = [states.digest("tau_link") for states in runs]
@@ -115,10 +115,10 @@ def _series(
     return series
 
 
-def _sign(states: States, j: int, width: float) -> FloatArray:
+def _sign(states: States, j: int, width: float, sharpness: float) -> FloatArray:
     """Rounded sign of joint j's speed at every sample, (n,)."""
     n = states.q.shape[1]
-    shape = {"stribeck_velocity": NEVER, "exponent": 1.0, "transition_width": width}
+    shape = {"stribeck_velocity": NEVER, "exponent": 1.0, "transition_width": width, "sharpness": sharpness}
     effect = _core.Effect.of("stribeck", **{name: np.full(n, value) for name, value in shape.items()})
     sign: FloatArray = _core.effect_columns(effect, *states.signals(), joints=[j])[:, 0].sum(axis=1)
     return sign

@@ -22,7 +22,7 @@ from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior
 from dynid_rs.regression.priors import usual_torque
-from dynid_rs.regression.uncertainty import WIDTH_STEP, shape_slope
+from dynid_rs.regression.uncertainty import shape_slope
 from dynid_rs.runs.preprocessing import States, top_speed
 
 FloatArray = NDArray[np.float64]
@@ -191,17 +191,17 @@ def tanh_widths(friction: _core.Effect) -> FloatArray:
     return widths
 
 
+def sign_shape(friction: _core.Effect) -> Shapes:
+    """Width (n_joints,) [rad/s] and sharpness of a law's sign, as effects have them; 0 is a tanh."""
+    shape = {name: np.asarray(values) for name, values in friction.shape}
+    width = shape["transition_width"]
+    return width, shape.get("sharpness", np.zeros_like(width))
+
+
 def _half_up(sharpness: FloatArray) -> FloatArray:
     """Speed over its width at which a smooth law's sign is half up."""
     speed: FloatArray = (2**sharpness - 1) ** (-1 / sharpness)
     return speed
-
-
-def width_with_sharpness(sharpness: FloatArray) -> FloatArray:
-    """Change of the logarithm of `tanh_widths` with the logarithm of the sharpness."""
-    ends = [np.log(_half_up(sharpness * np.exp(step))) for step in (-WIDTH_STEP, WIDTH_STEP)]
-    slope: FloatArray = (ends[1] - ends[0]) / (2 * WIDTH_STEP)
-    return slope
 
 
 def in_paper_terms(coefficients: dict[str, float]) -> dict[str, float]:

@@ -11,6 +11,8 @@ from dynid_rs import _core
 from dynid_rs.model.known import KnownTerm
 
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
+FRICTION_SIGN = {"friction_width": 0, "friction_sharpness": 1}
+"""References of shapes that are those of the sign of friction on the effect's first joint: width, sharpness."""
 ANYWHERE = {"held_from": -1e9, "held_to": 1e9}
 """Ends of a function of a joint's angle that holds at any, beside one on another joint that ends [rad, m]."""
 
@@ -27,7 +29,7 @@ class PlacedEffect:
         Where it acts; every joint has coefficients of its own.
     shape : tuple of (str, tuple of float)
         Shape parameters by name, one value per joint of `joints`; `held_from` and `held_to` of a function of the
-        angle that ends there.
+        angle that ends there. What may be absent is there in the end.
     silent : tuple of int
         Joints of it where it adds nothing: its size there would have a sign that it cannot have.
     """
@@ -36,6 +38,12 @@ class PlacedEffect:
     joints: tuple[int, ...]
     shape: tuple[tuple[str, tuple[float, ...]], ...] = ()
     silent: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        given = {name for name, _ in self.shape}
+        absent = {p["name"]: p["absent"] for p in CATALOGUE[self.kind]["shape"] if p["absent"] is not None}
+        more = ((name, (value,) * len(self.joints)) for name, value in absent.items() if name not in given)
+        object.__setattr__(self, "shape", (*self.shape, *more))
 
     @staticmethod
     def at(kind: str, joint: int, **shape: float) -> PlacedEffect:

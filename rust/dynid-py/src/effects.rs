@@ -181,6 +181,7 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
             dict.set_item("lowest", parameter.range.map(|range| range.lowest))?;
             dict.set_item("highest", parameter.range.map(|range| range.highest))?;
             dict.set_item("scale", parameter.range.map(|range| range.scale.word()))?;
+            dict.set_item("absent", parameter.absent)?;
             shape.append(dict)?;
         }
         let dict = PyDict::new(py);

@@ -31,6 +31,7 @@ const fn shape(
         grid,
         relative_to: None,
         range: None,
+        absent: None,
     }
 }
 
@@ -77,6 +78,13 @@ const TRANSITION_WIDTH: ShapeParameter = shape(
     &[0.003, 0.01, 0.03],
 )
 .of(Reference::FrictionWidth);
+
+/// Sharpness of that step: friction's own. Zero is a hyperbolic tangent, as Eqs. 10-11 have it.
+const SHARPNESS: ShapeParameter = ShapeParameter {
+    absent: Some(0.0),
+    ..shape("sharpness", "1", Rule::NonNegative, &[0.0])
+}
+.of(Reference::FrictionSharpness);
 
 /// Way over which bristles bend until they slip. A shorter one than the range has is a sign's that keeps its value at rest.
 const PRESLIDING_DISTANCE: ShapeParameter = shape(
@@ -196,6 +204,7 @@ pub static CATALOGUE: [Entry; 18] = [
             // From boundary lubrication to a full film that builds up; beyond, a step that rounding hides.
             shape("exponent", "1", Rule::Positive, &[1.0, 2.0]).refined(Scale::Log, 0.5, 2.1),
             TRANSITION_WIDTH,
+            SHARPNESS,
         ],
         signals: &["dq_motor"],
         memory: 0,
@@ -243,7 +252,7 @@ pub static CATALOGUE: [Entry; 18] = [
             coefficient("load_friction", "1", Sign::NonNegative),
             coefficient("load_friction_speed", "s/{angle}", Sign::Free),
         ],
-        shape: &[TRANSITION_WIDTH],
+        shape: &[TRANSITION_WIDTH, SHARPNESS],
         signals: &["dq_motor", "tau_link"],
         memory: 0,
         declared: false,
@@ -266,6 +275,7 @@ pub static CATALOGUE: [Entry; 18] = [
                 &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
             ),
             TRANSITION_WIDTH,
+            SHARPNESS,
         ],
         signals: &["q", "dq_motor"],
         memory: 0,
@@ -352,6 +362,7 @@ pub static CATALOGUE: [Entry; 18] = [
                 5.0,
             ),
             TRANSITION_WIDTH,
+            SHARPNESS,
         ],
         signals: &["dq_motor"],
         memory: 0,
@@ -461,6 +472,7 @@ pub static CATALOGUE: [Entry; 18] = [
             .refined(Scale::Log, 5.0, 300.0),
             shape("reference_speed", SPEED, Rule::NonNegative, &[0.0, 1.0]),
             TRANSITION_WIDTH,
+            SHARPNESS,
         ],
         signals: &["dq_motor", "step"],
         memory: thermal_friction::MEMORY,
@@ -478,6 +490,7 @@ pub static CATALOGUE: [Entry; 18] = [
             // Friction beside it takes up any other choice, so a search holds one.
             shape("reference_temperature", "degC", Rule::Any, &[25.0]),
             TRANSITION_WIDTH,
+            SHARPNESS,
             // F is the fitted friction, so there is nothing to search.
             shape(FRICTION[0].name, FRICTION[0].unit, Rule::Any, &[]),
             shape(FRICTION[1].name, FRICTION[1].unit, Rule::Any, &[]),

@@ -4,11 +4,11 @@
 //! from p, with the ratio 1/r, the width eps/|r| and the coefficients |r| k and r^2 d.
 
 use super::entry::partner_of;
-use super::friction::direction;
+use super::smooth_friction::friction_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
-/// Two columns, zeros without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\].
+/// Two columns, zeros without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\], p.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -16,11 +16,11 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let [partner, ratio, transition_width] = first(shape);
+    let [partner, ratio, transition_width, sharpness] = first(shape);
     let dq = input.state.dq_motor;
     let both = partner_of(partner).map_or([0.0; 2], |partner| {
         let speed = at(dq, j) + ratio * at(dq, partner);
-        [direction(speed, transition_width), speed]
+        [friction_sign(speed, transition_width, sharpness), speed]
     });
     put(&both, columns);
 }

@@ -40,6 +40,13 @@ impl Entry {
         self.signals.contains(&signal)
     }
 
+    /// What shape parameter `name` is where it is not given; `None` where it has to be.
+    #[must_use]
+    pub fn where_absent(&self, name: &str) -> Option<f64> {
+        let own = self.shape.iter().find(|parameter| parameter.name == name);
+        own.and_then(|parameter| parameter.absent)
+    }
+
     /// What a joint must have, and its runs must show, before the effect can be found there: [`Diagnosis::requires`] and what
     /// follows from the signals.
     pub fn requirements(&self) -> impl Iterator<Item = Need> + use<'_> {
@@ -169,6 +176,8 @@ pub struct ShapeParameter {
     pub relative_to: Option<Reference>,
     /// Between which values a search goes on, in the parameter's own unit; `None`: the grid's alone.
     pub range: Option<Range>,
+    /// What it is where it is not given, as in older files; `None`: it has to be.
+    pub absent: Option<f64>,
 }
 
 impl ShapeParameter {
@@ -201,6 +210,8 @@ pub enum Reference {
     /// The width of friction's step, which the parameter is equal to: nothing is searched. The grid, in its own unit, is for
     /// those who have no fit.
     FrictionWidth,
+    /// The sharpness of friction's step, in the same way.
+    FrictionSharpness,
     /// The standard deviation of the load that the model predicts.
     Load,
     /// The greatest speed.
@@ -213,6 +224,7 @@ impl Reference {
     pub fn word(self) -> &'static str {
         match self {
             Self::FrictionWidth => "friction_width",
+            Self::FrictionSharpness => "friction_sharpness",
             Self::Load => "load",
             Self::Speed => "speed",
         }

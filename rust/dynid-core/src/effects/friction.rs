@@ -43,23 +43,50 @@ pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
         #[inline(always)]
         fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
             let [dq, lambda, eps] = self.0;
-            let row = friction_row(S::splat(dq), S::splat(lambda), S::splat(eps));
-            let mut columns = [0.0; N_FRICTION];
-            for (column, x) in columns.iter_mut().zip(row) {
-                [*column] = x.raw();
-            }
-            columns
+            narrow(friction_row(S::splat(dq), S::splat(lambda), S::splat(eps)))
         }
     }
 
     lanes::run_narrow(One([dq, lambda, eps]))
 }
 
+/// Columns of one speed.
+#[inline(always)]
+fn narrow<S: Lanes<Raw = [f64; 1]>>(row: [S; N_FRICTION]) -> [f64; N_FRICTION] {
+    row.map(|x| {
+        let [x] = x.raw();
+        x
+    })
+}
+
 /// [`friction_columns`] of a row of speeds.
 #[inline(always)]
 pub fn friction_row<L: Lanes>(dq: L, lambda: L, eps: L) -> [L; N_FRICTION] {
+    row_of_sign(lanes::tanh(dq / eps), dq, lambda)
+}
+
+/// [`friction_columns`] of a speed whose sign `s` is rounded in another way, viscous from standstill on.
+#[must_use]
+pub(super) fn columns_of_sign(s: f64, dq: f64) -> [f64; N_FRICTION] {
+    struct One([f64; 2]);
+
+    impl Kernel for One {
+        type Output = [f64; N_FRICTION];
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
+            let [s, dq] = self.0;
+            narrow(row_of_sign(S::splat(s), S::splat(dq), S::splat(0.0)))
+        }
+    }
+
+    lanes::run_narrow(One([s, dq]))
+}
+
+/// [`friction_row`] with the sign `s` of `dq`.
+#[inline(always)]
+fn row_of_sign<L: Lanes>(s: L, dq: L, lambda: L) -> [L; N_FRICTION] {
     let zero = L::splat(0.0);
-    let s = lanes::tanh(dq / eps);
     // 1 in motion, 1/2 at rest: (s + 1)/2 for dq >= 0, (1 - s)/2 for dq < 0.
     let gate = s.abs().mul_add(L::splat(0.5), L::splat(0.5));
     let square = dq * dq;

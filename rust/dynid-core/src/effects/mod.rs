@@ -87,17 +87,29 @@ impl Effect {
             let at = given.iter().position(|name| *name == wanted);
             at.map(|at| shape[at].1.as_ref())
         };
+        let n_given = shape.first().map_or(0, |(_, values)| values.as_ref().len());
+        let absent: Vec<(&str, Vec<f64>)> = entry
+            .shape
+            .iter()
+            .filter(|wanted| named(wanted.name).is_none())
+            .filter_map(|wanted| Some((wanted.name, vec![wanted.absent?; n_given])))
+            .collect();
+        let or_absent = |wanted: &str| {
+            let own = absent.iter().find(|(name, _)| *name == wanted);
+            named(wanted).or(own.map(|(_, values)| values.as_slice()))
+        };
         let values = entry
             .shape
             .iter()
-            .filter_map(|wanted| named(wanted.name))
+            .filter_map(|wanted| or_absent(wanted.name))
             .collect::<Vec<&[f64]>>();
         let ends = held::NAMES.map(named);
         let held = match ends {
             [Some(from), Some(to)] => held::ranges(entry, from, to)?,
             _ => Vec::new(),
         };
-        let n_names = entry.shape.len() + if held.is_empty() { 0 } else { ends.len() };
+        let n_ends = if held.is_empty() { 0 } else { ends.len() };
+        let n_names = entry.shape.len() - absent.len() + n_ends;
         if values.len() != entry.shape.len() || given.len() != n_names {
             return Err(EffectError::Names {
                 entry,
@@ -125,6 +137,17 @@ impl Effect {
             check_row(entry, joint, n_joints, row)?;
         }
         Ok(Self { entry, shape, held })
+    }
+
+    /// [`Effect::shape`] without what is as where it is not given: what a file has to hold.
+    #[must_use]
+    pub fn shape_to_write(&self) -> Vec<(&'static str, Vec<f64>)> {
+        let mut shape = self.shape();
+        shape.retain(|(name, values)| {
+            let absent = self.entry.where_absent(name);
+            absent.is_none_or(|absent| values.iter().any(|value| *value != absent))
+        });
+        shape
     }
 
     /// Reflected rotor inertia.

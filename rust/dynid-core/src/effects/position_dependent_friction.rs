@@ -1,10 +1,10 @@
 //! Friction that changes around the turn, as of a shaft out of true: `s(v) (a cos N q + b sin N q)`.
 
-use super::friction::direction;
+use super::smooth_friction::friction_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
-/// Two columns. `shape`: N \[cycles per turn\], eps \[rad/s\]. It turns round with the speed, which tells it from gravity.
+/// Two columns. `shape`: N \[cycles per turn\], eps \[rad/s\], p. It turns round with the speed, which tells it from gravity.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -12,8 +12,8 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let [cycles, transition_width] = first(shape);
-    let s = direction(at(input.state.dq_motor, j), transition_width);
+    let [cycles, transition_width, sharpness] = first(shape);
+    let s = friction_sign(at(input.state.dq_motor, j), transition_width, sharpness);
     let (sin, cos) = (cycles * at(input.state.q, j)).sin_cos();
     put(&[s * cos, s * sin], columns);
 }

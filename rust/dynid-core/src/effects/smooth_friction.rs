@@ -3,6 +3,7 @@
 //! The larger the sharpness p, the longer the sign is a straight line and the shorter the way from there to one: 1 is like an
 //! arctan, 2.5 like a tanh, 6 nearly a corner. Odd and even terms make up the two directions, up to the second order.
 
+use super::friction::direction;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -27,6 +28,16 @@ pub fn rounded_sign(v: f64, e: f64, p: f64) -> f64 {
     part.copysign(v)
 }
 
+/// The sign of `v` as friction has it: [`rounded_sign`], or `tanh(v / e)` where the sharpness is zero.
+#[must_use]
+pub fn friction_sign(v: f64, e: f64, p: f64) -> f64 {
+    if p > 0.0 {
+        rounded_sign(v, e, p)
+    } else {
+        direction(v, e)
+    }
+}
+
 /// Six columns at the motor's speed v: `s`, `|s|`, `v`, `|v|`, `v |v|`, `v^2`. `shape`: e \[rad/s\], p.
 pub fn columns(
     shape: &[f64],
@@ -43,7 +54,7 @@ pub fn columns(
 
 #[cfg(test)]
 mod tests {
-    use super::rounded_sign;
+    use super::{friction_sign, rounded_sign};
 
     const SPEEDS: [f64; 9] = [
         f64::MIN_POSITIVE,
@@ -65,6 +76,14 @@ mod tests {
                 let s = rounded_sign(v, 0.02, p);
                 assert!((s - formula).abs() < 1e-14 * formula, "{v} {p}");
             }
+        }
+    }
+
+    #[test]
+    fn effects_have_friction_s_sign_and_without_a_sharpness_a_tanh() {
+        for v in [-30.0, -0.02, -1e-5, 0.0, 1e-5, 0.02, 30.0] {
+            assert!(friction_sign(v, 0.02, 1.5) == rounded_sign(v, 0.02, 1.5));
+            assert!(friction_sign(v, 0.02, 0.0) == f64::tanh(v / 0.02));
         }
     }
 

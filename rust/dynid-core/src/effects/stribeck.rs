@@ -1,10 +1,10 @@
-//! Friction that falls with speed, as the film builds: `k s(v) exp(-(|v| / v_s)^d)`, `s(v) = tanh(v / eps)`.
+//! Friction that falls with speed, as the film builds: `k s(v) exp(-(|v| / v_s)^d)`, s friction's sign.
 
-use super::friction::direction;
+use super::smooth_friction::friction_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
-/// Two columns, one per direction of the motor's speed, like Coulomb's. `shape`: v_s \[rad/s\], d, eps \[rad/s\].
+/// Two columns, one per direction of the motor's speed, like Coulomb's. `shape`: v_s \[rad/s\], d, eps \[rad/s\], p.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -12,10 +12,10 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let [stribeck_velocity, exponent, transition_width] = first(shape);
+    let [stribeck_velocity, exponent, transition_width, sharpness] = first(shape);
     let dq = at(input.state.dq_motor, j);
     let fall = (-(dq.abs() / stribeck_velocity).powf(exponent)).exp();
-    let column = direction(dq, transition_width) * fall;
+    let column = friction_sign(dq, transition_width, sharpness) * fall;
     let sides = if dq < 0.0 {
         [0.0, column]
     } else {

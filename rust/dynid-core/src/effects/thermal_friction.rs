@@ -3,7 +3,7 @@
 //! Warmth is of first order, `T df/dt = u - f`: with a reference speed v_r of 0 the source u is 1 (warm-up in time),
 //! otherwise `|v| / v_r`, the power that Coulomb friction turns into heat, relative to that at v_r.
 
-use super::friction::direction;
+use super::smooth_friction::friction_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -13,7 +13,7 @@ pub const MEMORY: usize = 1;
 /// The source counts no more than this, so that one wild sample does not stay in the memory for minutes.
 const GREATEST_SOURCE: f64 = 10.0;
 
-/// Two columns: change of Coulomb and of viscous friction. `shape`: T \[s\], v_r \[rad/s\], eps \[rad/s\].
+/// Two columns: change of Coulomb and of viscous friction. `shape`: T \[s\], v_r \[rad/s\], eps \[rad/s\], p.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -21,11 +21,14 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let [time_constant, reference_speed, transition_width] = first(shape);
+    let [time_constant, reference_speed, transition_width, sharpness] = first(shape);
     let dq = at(input.state.dq_motor, j);
     let [warmth] = first(memory);
     put(
-        &[warmth * direction(dq, transition_width), warmth * dq],
+        &[
+            warmth * friction_sign(dq, transition_width, sharpness),
+            warmth * dq,
+        ],
         columns,
     );
     let source = if reference_speed > 0.0 {

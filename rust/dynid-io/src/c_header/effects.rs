@@ -20,6 +20,7 @@ struct Form {
 /// For effects that end at angles: the twin of `dynid_core::effects::held`.
 const HELD: &str = include_str!("c/effects/held.c");
 const DIRECTION: &str = include_str!("c/effects/direction.c");
+const FRICTION_SIGN: &str = include_str!("c/effects/friction_sign.c");
 const BRISTLES: &str = include_str!("c/effects/bristles.c");
 const FRICTION_COLUMNS: &str = include_str!("c/effects/friction_columns.c");
 
@@ -37,21 +38,24 @@ static FORMS: [Form; 18] = [
     form!("rotor_inertia", []),
     form!("torque_offset", []),
     form!("friction", [DIRECTION, FRICTION_COLUMNS]),
-    form!("smooth_friction", []),
-    form!("stribeck", [DIRECTION]),
+    form!("smooth_friction", [DIRECTION, FRICTION_SIGN]),
+    form!("stribeck", [DIRECTION, FRICTION_SIGN]),
     form!("counterbalance", []),
-    form!("load_dependent_friction", [DIRECTION]),
-    form!("position_dependent_friction", [DIRECTION]),
+    form!("load_dependent_friction", [DIRECTION, FRICTION_SIGN]),
+    form!("position_dependent_friction", [DIRECTION, FRICTION_SIGN]),
     form!("friction_hysteresis", [BRISTLES]),
     form!("load_hysteresis", [BRISTLES]),
     form!("gear_hysteresis", []),
-    form!("coupled_friction", [DIRECTION]),
+    form!("coupled_friction", [DIRECTION, FRICTION_SIGN]),
     form!("torque_ripple", []),
     form!("inertial_coupling", []),
     form!("joint_spring", []),
     form!("torque_saturation", []),
-    form!("thermal_friction", [DIRECTION]),
-    form!("temperature_friction", [DIRECTION, FRICTION_COLUMNS]),
+    form!("thermal_friction", [DIRECTION, FRICTION_SIGN]),
+    form!(
+        "temperature_friction",
+        [DIRECTION, FRICTION_SIGN, FRICTION_COLUMNS]
+    ),
 ];
 
 fn form_of(kind: &str) -> Result<&'static Form, CHeaderError> {
@@ -205,6 +209,7 @@ mod tests {
             assert!(form.text.contains(&definition), "{}", form.kind);
             for (call, text) in [
                 ("dynid_direction(", DIRECTION),
+                ("dynid_friction_sign(", FRICTION_SIGN),
                 ("dynid_bristles(", BRISTLES),
                 ("dynid_friction_columns(", FRICTION_COLUMNS),
             ] {

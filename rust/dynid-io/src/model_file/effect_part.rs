@@ -3,6 +3,7 @@
 
 use std::fmt;
 
+use dynid_core::effects::catalogue::find;
 use dynid_core::{Effect, EffectTerm};
 use serde::de::{self, MapAccess, Visitor};
 use serde::ser::SerializeMap;
@@ -25,7 +26,7 @@ impl EffectPart {
         Self {
             kind: effect.kind().to_owned(),
             shape: effect
-                .shape()
+                .shape_to_write()
                 .into_iter()
                 .map(|(name, values)| (name.to_owned(), values))
                 .collect(),
@@ -40,6 +41,13 @@ impl EffectPart {
     /// Kind of the effect, as the file says it.
     pub fn kind(&self) -> &str {
         &self.kind
+    }
+
+    /// A shape parameter of the file that versions before 6 did not have.
+    pub fn since_version_6(&self) -> Option<&str> {
+        let entry = find(&self.kind)?;
+        let mut names = self.shape.iter().map(|(name, _)| name.as_str());
+        names.find(|name| entry.where_absent(name).is_some())
     }
 
     /// The term, every name, length and number checked.

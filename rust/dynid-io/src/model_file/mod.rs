@@ -23,8 +23,9 @@ use crate::whole::write_whole;
 pub const FORMAT: &str = "dynid-model";
 /// Newest version of the schema that this reader understands; it understands all before. A file says the oldest version
 /// that can hold it: 2 came with the torque channel's delay and the band in which errors are told, 3 with effects of the
-/// motor's torque (`torque_saturation`), 4 with effects that end at angles (`held_from`, `held_to`).
-pub const VERSION: u32 = 5;
+/// motor's torque (`torque_saturation`), 4 with effects that end at angles (`held_from`, `held_to`), 5 with a delay of each
+/// torque channel, 6 with effects whose sign has friction's sharpness.
+pub const VERSION: u32 = 6;
 /// Kind that files of version 3 and later hold: it was of the rigid body's torque alone before.
 pub(crate) const OF_MOTOR: &str = "torque_saturation";
 /// Larger files are refused before memory is taken \[bytes\].
@@ -141,7 +142,15 @@ pub fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
     let mut effects = model.effects().iter().map(|term| term.effect());
     let delays = model.torque_delay();
-    let version = if delays.iter().any(|delay| Some(delay) != delays.first()) {
+    let has_sharpness = |effect: &Effect| {
+        let shape = effect.shape_to_write();
+        shape
+            .iter()
+            .any(|(name, _)| effect.entry().where_absent(name).is_some())
+    };
+    let version = if effects.clone().any(has_sharpness) {
+        6
+    } else if delays.iter().any(|delay| Some(delay) != delays.first()) {
         5
     } else if effects.clone().any(Effect::is_held) {
         4

@@ -277,6 +277,14 @@ impl ModelFile {
                 self.version
             ));
         }
+        let newer =
+            |part: &EffectPart| Some((part.kind().to_owned(), part.since_version_6()?.to_owned()));
+        if let (1..6, Some((kind, name))) = (self.version, self.effects.iter().find_map(newer)) {
+            return Err(format!(
+                "a file of version {} has no {name} in {kind}",
+                self.version
+            ));
+        }
         let robot = self.robot.into_robot()?;
         let n = robot.n_joints();
         let effects = self

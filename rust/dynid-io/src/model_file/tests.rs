@@ -239,7 +239,7 @@ fn other_files_are_told_apart() {
     let unnumbered = message(b"{\"format\": \"dynid-model\"}");
     assert!(
         unnumbered
-            .contains("no usable version (expected \"version\": 1 to 5); give the model.json as"),
+            .contains("no usable version (expected \"version\": 1 to 6); give the model.json as"),
         "{unnumbered}"
     );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
@@ -370,10 +370,14 @@ fn every_kind_of_the_catalogue_survives_the_file() {
 }
 
 fn model_that_saturates() -> TorqueModel {
-    let base = model();
     let saturation = Effect::new("torque_saturation", &[] as &[(&str, &[f64])]).unwrap();
+    model_with(EffectTerm::new(saturation, vec![1e-4, 0.0], 2).unwrap())
+}
+
+fn model_with(term: EffectTerm) -> TorqueModel {
+    let base = model();
     let mut effects = base.effects().to_vec();
-    effects.push(EffectTerm::new(saturation, vec![1e-4, 0.0], 2).unwrap());
+    effects.push(term);
     TorqueModel::new(TorqueModelParts {
         robot: base.robot().clone(),
         phi: base.phi().to_vec(),
@@ -387,6 +391,39 @@ fn model_that_saturates() -> TorqueModel {
         step: None,
     })
     .unwrap()
+}
+
+/// Whose sign turns round like a tanh says so by saying nothing: files of before are read as they were meant.
+#[test]
+fn a_sharpness_is_in_files_of_version_6_and_a_tanh_in_any() {
+    let model = |sharpness: f64| {
+        let shape = [
+            ("transition_width", [0.01, 0.02]),
+            ("sharpness", [sharpness; 2]),
+        ];
+        let effect = Effect::new("load_dependent_friction", &shape).unwrap();
+        model_with(EffectTerm::new(effect, vec![0.1; 4], 2).unwrap())
+    };
+    let (tanh, sharp) = (model(0.0), model(1.5));
+    let version = |text: &str| {
+        text.lines()
+            .find(|line| line.contains("version"))
+            .map(str::to_owned)
+    };
+    let (of_tanh, of_sharp) = (to_text(&tanh).unwrap(), to_text(&sharp).unwrap());
+    assert!(
+        version(&of_tanh) == version(&to_text(&model_in("N*m")).unwrap())
+            && !of_tanh.contains("sharpness")
+    );
+    assert!(of_sharp.contains("\"version\": 6,") && of_sharp.contains("sharpness"));
+    for (text, written) in [(&of_tanh, &tanh), (&of_sharp, &sharp)] {
+        assert_eq!(parse(text.as_bytes(), "x").unwrap(), *written);
+    }
+    let old = resign(&of_sharp.replace("\"version\": 6,", "\"version\": 5,"));
+    assert_eq!(
+        message(old.as_bytes()),
+        "model.json: a file of version 5 has no sharpness in load_dependent_friction; save the model again"
+    );
 }
 
 /// It was a function of the rigid body's torque in files of version 1 and 2: their numbers mean nothing here.

@@ -2,5 +2,5 @@
 static inline void dynid_friction(const double *shape, int j, const dynid_input *x, double *memory, double *columns)
 {
     (void)memory;
-    dynid_friction_columns(x->dq_motor[j], shape[0], shape[1], columns);
+    dynid_friction_columns(dynid_direction(x->dq_motor[j], shape[1]), x->dq_motor[j], shape[0], columns);
 }

@@ -3,6 +3,6 @@ static inline void dynid_load_dependent_friction(const double *shape, int j, con
 {
     double dq = x->dq_motor[j];
     (void)memory;
-    columns[0] = fabs(x->tau_link[j]) * dynid_direction(dq, shape[0]);
+    columns[0] = fabs(x->tau_link[j]) * dynid_friction_sign(dq, shape[0], shape[1]);
     columns[1] = columns[0] * fabs(dq);
 }
