@@ -163,3 +163,19 @@ def test_warmth_at_chosen_samples_has_been_gathered_at_the_runs_own_rate(states)
     first = sum(effect.n_columns for effect in plan.effects[: warm[0]])
     for one, other in zip(chosen, slower, strict=True):
         assert (np.abs(other[1:, first]) > 1.2 * np.abs(one[1:, first])).all()
+
+
+def test_an_effect_is_built_on_the_joints_that_it_acts_on(states, built):
+    """There its very bits, elsewhere zeros; beside all others as without keeping."""
+    plan = declared_plan(arm(), friction(), [of_load()])
+    at, own = slice(2, 2 + of_load().n_columns), plan.own.copy()
+    own[:, at] = np.arange(N)[:, None] == 2
+    lone = replace(plan, own=own)
+    with keeping_columns():
+        rows = run_rows(lone, states, states.tau)
+        again = run_rows(lone, states, states.tau)
+    assert built == [(["rotor_inertia", "torque_offset", "smooth_friction"], True), ([], False)]
+    for j, (some, same, every) in enumerate(zip(rows, again, run_rows(plan, states, states.tau), strict=True)):
+        assert_array_equal(some, same)
+        assert_array_equal(some[:, at], every[:, at] * (j == 2))
+        assert_array_equal(np.delete(some, at, axis=1), np.delete(every, at, axis=1))

@@ -22,7 +22,7 @@ from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import declared_plan
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression import evidence
-from dynid_rs.regression.columns import Block, Observations, observe
+from dynid_rs.regression.columns import Block, Observations, make_plan, observe
 from dynid_rs.regression.evidence import TRUSTED, WIDTHS, fit_with_prior, linear_model
 from dynid_rs.regression.linear_model import Choice
 from dynid_rs.regression.priors import CARRIES, LEAST_MASS, LENGTH, declares_inertia, link_spread, weak_prior
@@ -398,6 +398,24 @@ def test_in_ampere_the_gain_of_the_prior_is_found(six_axes):
     assert found.choice == known.choice
     np.testing.assert_allclose(found.x / gain, known.x, atol=0.01 * np.abs(known.x).max())
     np.testing.assert_allclose(found.noise_std / gain, known.noise_std, rtol=0.01)
+
+
+def test_a_column_on_joints_that_it_does_not_act_on_takes_nothing_off_the_unit(six_axes):
+    robot, arm, plan, runs = six_axes
+    rng = np.random.default_rng(8)
+    spring = _core.Effect.of("joint_spring", rest_position=np.zeros(6))
+    with_spring = make_plan(robot, [*plan.effects, spring], acts_on={len(plan.effects): [5]})
+    factors = observed(with_spring, runs[:1], 0 * robot.phi, np.asarray(arm.noise_std), rng).factors()
+    gravity = [_core.triangular_factor(_in_place_of(R, plan.n_own, R[:, -1])) for R in factors[:5]] + factors[5:]
+    unit = evidence._unit(with_spring, factors, np.ones(6))
+    assert unit == pytest.approx(1.0, rel=0.05)
+    assert evidence._unit(with_spring, gravity, np.ones(6)) == pytest.approx(unit, rel=1e-9)
+
+
+def _in_place_of(rows, k, column):
+    rows = rows.copy()
+    rows[:, k] = column
+    return rows
 
 
 def test_drive_gains_far_from_each_other_are_found(six_axes):

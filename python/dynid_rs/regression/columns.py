@@ -73,6 +73,14 @@ class Plan:
         base = [np.flatnonzero(self.pivots >= 10 * j) for j in range(len(self.own))]
         return [np.concatenate([own + j * self.n_own, links]) for j, links in enumerate(base)]
 
+    @cached_property
+    def acting(self) -> list[list[int]]:
+        """Joints of every effect: those of a declared one are all."""
+        edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)])
+        used = [self.own[:, first:end].any(axis=1) for first, end in pairwise(edges.tolist())]
+        declared = [effect.is_declared for effect in self.effects]
+        return [np.flatnonzero(own | all_of_it).tolist() for own, all_of_it in zip(used, declared, strict=True)]
+
     def estimable(self) -> NDArray[np.bool_]:
         """(n_columns,) false for own columns that repeat others."""
         return np.concatenate([np.ones(self.n_base, dtype=bool), self.own.ravel()])
@@ -257,7 +265,7 @@ def run_rows(
     all is told.
     """
     if kept is None:
-        rows = observed(plan.robot, list(plan.effects), plan.pivots.tolist(), states, tau)
+        rows = observed(plan.robot, list(plan.effects), plan.acting, plan.pivots.tolist(), states, tau)
         return counted_rows(rows, states.counted)
     return _core.observe(
         plan.robot,

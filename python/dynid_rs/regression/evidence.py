@@ -305,10 +305,11 @@ def _unit(plan: Plan, factors: Sequence[FloatArray], scale: FloatArray) -> float
     phi = np.asarray(robot.phi) if declares_inertia(robot) else np.zeros(10 * robot.n_joints)
     base = robot.base_parameters()
     phi_base = phi[np.asarray(base.pivots)] + np.asarray(base.beta) @ phi[np.asarray(base.dependent)]
-    ratios = []
+    ratios, acting = [], [(joints, e.n_columns) for joints, e in zip(plan.acting, plan.effects, strict=True)]
     for j, R in enumerate(factors):
-        beside = R[plan.n_own :]  # rows of a triangular factor below its own columns are orthogonal to them
-        declared = scale[j] * (beside[:, plan.n_own : -1] @ phi_base[plan.pivots >= 10 * j])
+        own = R[:, : plan.n_own][:, [j in joints for joints, k in acting for _ in range(k)]]
+        beside = np.linalg.qr(own, mode="complete")[0][:, own.shape[1] :].T @ R[:, plan.n_own :]
+        declared = scale[j] * (beside[:, :-1] @ phi_base[plan.pivots >= 10 * j])
         if declared @ beside[:, -1] > 0:
             ratios.append(float(declared @ beside[:, -1] / (declared @ declared)))
     return float(np.median(ratios)) if ratios else 1.0

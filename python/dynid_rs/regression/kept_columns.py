@@ -125,17 +125,37 @@ def effect_key(effect: _core.Effect, states: States) -> tuple[Any, ...]:
 
 
 def observed(
-    robot: _core.RobotModel, effects: list[_core.Effect], pivots: list[int], states: States, tau: FloatArray
+    robot: _core.RobotModel,
+    effects: list[_core.Effect],
+    acts_on: list[list[int]],
+    pivots: list[int],
+    states: States,
+    tau: FloatArray,
 ) -> PerJoint:
-    """Return `_core.observe` of a run at the rows of the fit, of which only what is not kept is built."""
+    """Return `_core.observe` of a run at the rows of the fit, of which only what is not kept is built.
+
+    Then columns of an effect are zeros on joints that it does not act on: `acts_on` says on which it does.
+    """
     columns = _KEPT.get()
     if columns is None:
         return _observe(robot, effects, pivots, states, tau)
     links_key = (robot, tuple(pivots), states.motion)
-    keys = [effect_key(effect, states) for effect in effects]
+    n = robot.n_joints
+    keys = [
+        (*effect_key(effect, states), *(joints if len(joints) < n else ()))
+        for effect, joints in zip(effects, acts_on, strict=True)
+    ]
     parts = [columns.get(key) for key in keys]
     links = columns.get(links_key)
-    missing = [k for k, part in enumerate(parts) if part is None]
+    missing = []
+    for k, joints in enumerate(acts_on):
+        if parts[k] is None and len(joints) == n:
+            missing.append(k)
+        elif parts[k] is None:
+            part = parts[k] = [np.zeros((len(states.rows), effects[k].n_columns))] * n
+            for j, rows in zip(joints, _effect_rows(effects[k], states, joints), strict=True):
+                part[j] = rows
+            columns.put(keys[k], part)
     new = _observe(robot, [effects[k] for k in missing], pivots if links is None else [], states, tau)
     first = 0
     for k in missing:
