@@ -10,8 +10,8 @@ import pytest
 from helpers.diagnosed import ROBOT, measured, rigid, with_effects
 
 from dynid_rs.diagnosis import standing
-from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.hypotheses import Shaped
+from dynid_rs.diagnosis.belief import Belief, Named, following
+from dynid_rs.diagnosis.hypotheses import Shaped, is_valid
 from dynid_rs.diagnosis.search import accept
 from dynid_rs.diagnosis.settling import _moved, settle
 from dynid_rs.diagnosis.setup import Setup
@@ -107,6 +107,19 @@ def test_every_effect_turns_round_with_its_joint_s_friction():
     friction, shape = belief.fit.friction_, belief.setup.effects[0].shape_at(ELBOW)
     assert shape["transition_width"] == friction.transition_width_[ELBOW]
     assert shape["sharpness"] == friction.sharpness_[ELBOW]
+
+
+def test_a_peak_of_friction_is_no_narrower_than_its_sign():
+    """Not in the grid, not by a step, and not where friction's sign has become wider beside it."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("stribeck:elbow:4"))
+    for h in belief.catalogue.hypotheses():
+        if h.kind == "stribeck":
+            assert dict(h.shape)["stribeck_velocity"] >= dict(h.shape)["transition_width"]
+    sign = (("transition_width", 0.02), ("sharpness", 2.0))
+    narrow = (("stribeck_velocity", 0.01), ("exponent", 2.0), *sign)
+    assert not is_valid("stribeck", narrow)
+    (followed,) = following([Shaped("stribeck", (ELBOW,), narrow).placed()], (np.full(3, 0.03), np.full(3, 1.5)))
+    assert followed.shape_at(ELBOW)["stribeck_velocity"] == 0.03
 
 
 def test_a_width_beyond_its_reach_stays_where_it_is_until_it_is_moved():

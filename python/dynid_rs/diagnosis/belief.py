@@ -307,6 +307,10 @@ def following(effects: Sequence[PlacedEffect], sign: Shapes) -> tuple[PlacedEffe
         for parameter in CATALOGUE[effect.kind]["shape"]:
             if (k := FRICTION_SIGN.get(parameter["relative_to"])) is not None:
                 own = own.with_shape(parameter["name"], float(sign[k][effect.joints[0]]))
+        for parameter in CATALOGUE[effect.kind]["shape"]:
+            if (other := parameter["not_below"]) is not None:
+                least, value = dict(own.shape)[other], dict(own.shape)[parameter["name"]]
+                own = own.with_shape(parameter["name"], max(least, value))
         followed.append(own.placed())
     return tuple(followed)
 

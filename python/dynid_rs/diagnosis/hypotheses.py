@@ -375,9 +375,13 @@ def carried_loads(fit: ThreeLoopIdentifier) -> NDArray[np.bool_]:
 
 
 def is_valid(kind: str, shape: Shape) -> bool:
-    """Whether there is an effect of this shape."""
-    if dict(shape).get("ratio") == 0.0:
+    """Whether there is an effect of this shape that a search may have."""
+    values = dict(shape)
+    if values.get("ratio") == 0.0:
         return False  # a partner that has no part in it is none
+    bounded = [p for p in CATALOGUE[kind]["shape"] if p["not_below"] is not None]
+    if any(values[p["name"]] < values[p["not_below"]] for p in bounded):
+        return False
     try:
         _core.Effect.of(kind, **{name: [value] for name, value in shape})
     except ValueError:

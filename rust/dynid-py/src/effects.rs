@@ -182,6 +182,7 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
             dict.set_item("highest", parameter.range.map(|range| range.highest))?;
             dict.set_item("scale", parameter.range.map(|range| range.scale.word()))?;
             dict.set_item("absent", parameter.absent)?;
+            dict.set_item("not_below", parameter.not_below)?;
             shape.append(dict)?;
         }
         let dict = PyDict::new(py);

@@ -32,6 +32,7 @@ const fn shape(
         relative_to: None,
         range: None,
         absent: None,
+        not_below: None,
     }
 }
 
@@ -200,7 +201,9 @@ pub static CATALOGUE: [Entry; 18] = [
                 &[0.01, 0.03, 0.1, 0.3],
             )
             .of(Reference::Speed)
-            .refined(Scale::Log, 1e-3, 10.0),
+            .refined(Scale::Log, 1e-3, 10.0)
+            // What has fallen before the sign has turned round is another rounding of the sign, of any size.
+            .not_below(TRANSITION_WIDTH.name),
             // From boundary lubrication to a full film that builds up; beyond, a step that rounding hides.
             shape("exponent", "1", Rule::Positive, &[1.0, 2.0]).refined(Scale::Log, 0.5, 2.1),
             TRANSITION_WIDTH,

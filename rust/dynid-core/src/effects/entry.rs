@@ -178,6 +178,8 @@ pub struct ShapeParameter {
     pub range: Option<Range>,
     /// What it is where it is not given, as in older files; `None`: it has to be.
     pub absent: Option<f64>,
+    /// The shape parameter that a search does not let it fall below.
+    pub not_below: Option<&'static str>,
 }
 
 impl ShapeParameter {
@@ -186,6 +188,15 @@ impl ShapeParameter {
     pub const fn of(self, reference: Reference) -> Self {
         Self {
             relative_to: Some(reference),
+            ..self
+        }
+    }
+
+    /// The same, not searched below another shape parameter.
+    #[must_use]
+    pub const fn not_below(self, other: &'static str) -> Self {
+        Self {
+            not_below: Some(other),
             ..self
         }
     }
