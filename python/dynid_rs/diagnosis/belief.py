@@ -16,7 +16,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
 from dynid_rs.identification.smooth_friction import Shapes, SmoothFrictionIdentifier, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, HeldEffect, PlacedEffect, own_columns
+from dynid_rs.model.placed import CATALOGUE, HeldEffect, PlacedEffect, own_columns, shapes_of_sign
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.recording import Recording
 
@@ -300,13 +300,15 @@ def shaped_evidence(fit: ThreeLoopIdentifier, worth: FloatArray) -> float:
 
 
 def following(effects: Sequence[PlacedEffect], sign: Shapes) -> tuple[PlacedEffect, ...]:
-    """Return effects whose signs turn round as friction's, of width and sharpness (n_joints,) `sign`."""
+    """Return effects whose signs turn round as friction's, of width [rad/s] and sharpness (n_joints,) `sign`.
+
+    What a search does not let fall below that width stays above it.
+    """
     followed = []
     for effect in effects:
         own = shaped_as(effect)
-        for parameter in CATALOGUE[effect.kind]["shape"]:
-            if (k := FRICTION_SIGN.get(parameter["relative_to"])) is not None:
-                own = own.with_shape(parameter["name"], float(sign[k][effect.joints[0]]))
+        for name, k in shapes_of_sign(effect.kind).items():
+            own = own.with_shape(name, float(sign[k][effect.joints[0]]))
         for parameter in CATALOGUE[effect.kind]["shape"]:
             if (other := parameter["not_below"]) is not None:
                 least, value = dict(own.shape)[other], dict(own.shape)[parameter["name"]]

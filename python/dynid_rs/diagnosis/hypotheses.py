@@ -16,7 +16,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.loads import link_load, with_load
 from dynid_rs.identification.smooth_friction import in_paper_terms, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect
+from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect, shapes_of_sign
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
 
@@ -176,10 +176,9 @@ class Catalogue:
 
     def _still_sought(self, s: Shaped) -> bool:
         """Whether columns of an earlier fit are the same beside this one, and its sign is still that of friction."""
-        entry, shape = CATALOGUE[s.kind], dict(s.shape)
-        signs = {p["name"]: FRICTION_SIGN.get(p["relative_to"]) for p in entry["shape"]}
-        same = (shape[n] == self._sign[k][s.joints[0]] for n, k in signs.items() if k is not None)
-        return not is_of_load(entry["signals"]) and all(same)
+        shape, signs = dict(s.shape), shapes_of_sign(s.kind)
+        same = (shape[name] == self._sign[k][s.joints[0]] for name, k in signs.items())
+        return not is_of_load(CATALOGUE[s.kind]["signals"]) and all(same)
 
     def hypotheses(self) -> list[Hypothesis]:
         """Every kind that is sought, at every place, with every shape of its grid."""

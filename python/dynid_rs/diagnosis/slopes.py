@@ -17,7 +17,7 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.identification.smooth_friction import shape_slopes
-from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect, shapes_of_sign
 from dynid_rs.regression.linear_model import Columns
 
 FloatArray = NDArray[np.float64]
@@ -56,10 +56,9 @@ def friction_slopes(found: Belief) -> list[Slope]:
     plan = fit.observations_.plan
     following: list[list[Columns]] = [[{}, {}] for _ in range(n)]
     for effect, x in coefficients_of(found):
-        for parameter in CATALOGUE[effect.kind]["shape"]:
-            if (k := FRICTION_SIGN.get(parameter["relative_to"])) is not None:
-                own = following[effect.joints[0]]
-                own[k] = _sum(own[k], _slope(found, effect, parameter["name"], x) or {})
+        own = following[effect.joints[0]]
+        for name, k in shapes_of_sign(effect.kind).items():
+            own[k] = _sum(own[k], _slope(found, effect, name, x) or {})
     slopes = []
     for j, signs in enumerate(following):
         both = shape_slopes(plan, fit.links_, fit.runs_, j)

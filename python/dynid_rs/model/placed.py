@@ -66,6 +66,12 @@ class PlacedEffect:
         return {name: values[at] for name, values in self.shape}
 
 
+def shapes_of_sign(kind: str) -> dict[str, int]:
+    """Shape parameters of a kind that are those of friction's sign: 0 for its width, 1 for its sharpness."""
+    shape = CATALOGUE[kind]["shape"]
+    return {p["name"]: FRICTION_SIGN[p["relative_to"]] for p in shape if p["relative_to"] in FRICTION_SIGN}
+
+
 @dataclass(frozen=True)
 class HeldEffect:
     """An effect on one joint with coefficients that were fitted elsewhere, in the unit of the torque channel."""

@@ -74,12 +74,11 @@ class Plan:
         return [np.concatenate([own + j * self.n_own, links]) for j, links in enumerate(base)]
 
     @cached_property
-    def acting(self) -> list[list[int]]:
-        """Joints of every effect: those of a declared one are all."""
+    def acting(self) -> NDArray[np.bool_]:
+        """(n_joints, n_effects) where each effect acts: a declared one on every joint."""
         edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)])
         used = [self.own[:, first:end].any(axis=1) for first, end in pairwise(edges.tolist())]
-        declared = [effect.is_declared for effect in self.effects]
-        return [np.flatnonzero(own | all_of_it).tolist() for own, all_of_it in zip(used, declared, strict=True)]
+        return np.stack(used, axis=1) | [effect.is_declared for effect in self.effects]
 
     def estimable(self) -> NDArray[np.bool_]:
         """(n_columns,) false for own columns that repeat others."""
@@ -265,7 +264,8 @@ def run_rows(
     all is told.
     """
     if kept is None:
-        rows = observed(plan.robot, list(plan.effects), plan.acting, plan.pivots.tolist(), states, tau)
+        acts_on = [np.flatnonzero(joints).tolist() for joints in plan.acting.T]
+        rows = observed(plan.robot, list(plan.effects), acts_on, plan.pivots.tolist(), states, tau)
         return counted_rows(rows, states.counted)
     return _core.observe(
         plan.robot,

@@ -305,9 +305,9 @@ def _unit(plan: Plan, factors: Sequence[FloatArray], scale: FloatArray) -> float
     phi = np.asarray(robot.phi) if declares_inertia(robot) else np.zeros(10 * robot.n_joints)
     base = robot.base_parameters()
     phi_base = phi[np.asarray(base.pivots)] + np.asarray(base.beta) @ phi[np.asarray(base.dependent)]
-    ratios, acting = [], [(joints, e.n_columns) for joints, e in zip(plan.acting, plan.effects, strict=True)]
+    ratios, acting = [], np.repeat(plan.acting, [effect.n_columns for effect in plan.effects], axis=1)
     for j, R in enumerate(factors):
-        own = R[:, : plan.n_own][:, [j in joints for joints, k in acting for _ in range(k)]]
+        own = R[:, : plan.n_own][:, acting[j]]
         beside = np.linalg.qr(own, mode="complete")[0][:, own.shape[1] :].T @ R[:, plan.n_own :]
         declared = scale[j] * (beside[:, :-1] @ phi_base[plan.pivots >= 10 * j])
         if declared @ beside[:, -1] > 0:
