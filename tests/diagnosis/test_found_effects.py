@@ -12,10 +12,11 @@ import pytest
 from helpers.diagnosed import ROBOT, columns_of, measured
 
 import dynid_rs
+from dynid_rs.base.wording import in_families
 from dynid_rs.commands._diagnose_view import _effect
 from dynid_rs.diagnosis import loop
 from dynid_rs.diagnosis.found import FoundEffect, Unexplained
-from dynid_rs.diagnosis.wording import unexplained_words
+from dynid_rs.diagnosis.wording import named, unexplained_words
 
 matplotlib.use("agg")  # no window, wherever this runs
 
@@ -87,6 +88,46 @@ def test_one_or_the_other():
         "stribeck or friction hysteresis on elbow: stribeck_pos 1.23 N*m (1.00 to 1.50), exponent 2.00; "
         "not told apart from friction hysteresis on elbow: dynid excite ROBOT --separate ..."
     )
+
+
+def test_one_place_or_the_other():
+    """Behind parallel axes a coupling of two joints is the same torque at two others, and no motion tells."""
+    tie = {"kind": "inertial_coupling", "joints": ["shoulder", "wrist"], "same_torque": True}
+    one = effect(kind="unknown", told_as="inertial_coupling", joints=["elbow", "wrist"], parameters=[], ties=[tie])
+    assert (one.kinds, one.name, one.is_tied, one.is_unknown) == (
+        ("inertial_coupling",),
+        "inertial coupling",
+        True,
+        False,
+    )
+    assert (one.ties[0].separate, one.ties[0].same_torque) == ("", True)
+    assert str(one) == (
+        "inertial coupling on elbow and wrist, or on shoulder and wrist; "
+        "not told apart from inertial coupling on shoulder and wrist, and no motion can"
+    )
+
+
+def test_effects_are_one_family_where_they_may_be_the_same_at_the_same_places():
+    def one_of(kind, *joints, ties=()):
+        found = {"kind": "unknown", "told_as": kind} if ties else {"kind": kind}
+        return {**found, "joints": list(joints), "ties": list(ties)}
+
+    here, there = ({"kind": "b", "joints": ["elbow"]}, {"kind": "b", "joints": ["wrist"]})
+    elsewhere = {"kind": "a", "joints": ["shoulder", "wrist"]}
+    families = in_families(
+        [
+            one_of("a", "elbow", ties=[here]),
+            one_of("a", "shoulder", "elbow", ties=[elsewhere]),
+            one_of("a", "wrist", ties=[there]),
+            one_of("a", "elbow", "wrist"),
+            one_of("a", "shoulder"),
+        ]
+    )
+    assert [named(family, JOINTS) for family in families] == [
+        "a or b on elbow and wrist",
+        "a on shoulder and elbow, or on shoulder and wrist",
+        "a of the whole robot",
+    ]
 
 
 def test_something_without_a_name():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.diagnosed import entry_of, found_in, names, recorded, rigid, with_effects
 from helpers.nameless import Nameless
+from helpers.small_arm import URDF
 
+from dynid_rs import RobotModel
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.diagnosis import rivals as rivals_module
 from dynid_rs.diagnosis.belief import Named
@@ -53,6 +56,29 @@ def test_a_spring_along_a_short_way_may_be_a_cylinder():
         "joint spring or counterbalance on elbow",
         "counterbalance or joint spring on elbow",
     )
+
+
+def test_a_coupling_behind_parallel_axes_has_two_places_that_no_motion_tells():
+    """With more inertia in link and rotor, that of axes 2 and 3 of three parallel ones is that of 1 and 3.
+
+    Inertials of the file would tell which, where they are believed.
+    """
+    planar = URDF.replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"')
+    bare = RobotModel.from_urdf_string(re.sub("<inertial>.*?</inertial>", "", planar, flags=re.S))
+    arm = rigid(RobotModel.from_urdf_string(planar))
+    pair = ((1, 2), (2, 1))
+    effects = [
+        Nameless("nameless", (j,), 1.0, torque=lambda signals, other=other: 0.05 * signals.ddq[:, other])
+        for j, other in pair
+    ]
+    found = found_in(recorded(equip(arm, effects)), bare)
+    (entry,) = (entry for entry in found.entries if entry.get("told_as") == "inertial_coupling")
+    (tie,) = entry["ties"]
+    assert {tuple(entry["joints"]), tuple(tie["joints"])} == {("elbow", "wrist"), ("shoulder", "wrist")}
+    assert (entry["kind"], tie["kind"], tie["same_torque"]) == ("unknown", "inertial_coupling", True)
+    (effect,) = (effect for effect in found.effects if effect.kinds == ("inertial_coupling",))
+    assert not effect.ties[0].separate
+    assert not [q for q in found.asked.questions if q.second.candidates]
 
 
 def test_a_kind_and_what_it_becomes_without_a_length_are_one_cause():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,17 +33,37 @@ def kinds_said(effect: Mapping[str, Any]) -> list[str]:
     """What an effect may be: its kind; of one that is one kind or another, all of them; of one without a name, none."""
     if effect["kind"] != "unknown":
         return [effect["kind"]]
-    others = dict.fromkeys(tie["kind"] for tie in effect.get("ties") or ())
-    return [effect["told_as"], *others] if others else []
+    ties = effect.get("ties") or ()
+    return list(dict.fromkeys([effect["told_as"], *(tie["kind"] for tie in ties)])) if ties else []
+
+
+def other_places(effect: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Joints at which an effect may act in the place of its own, where the data do not tell."""
+    if effect["kind"] != "unknown":
+        return []
+    own = effect["joints"]
+    return [tuple(tie["joints"]) for tie in effect.get("ties") or () if tie.get("joints", own) != own]
+
+
+def family_of(effect: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What effects of one family have in common: their name, and where it is not settled on which joints, those."""
+    others = other_places(effect)
+    return (*sorted(kinds_said(effect)), *([tuple(effect["joints"]), *others] if others else ()))
 
 
 def in_families(effects: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """One entry per name, in the order of its first: that one, with every joint on which another of its name acts."""
-    found: dict[tuple[str, ...], dict[str, Any]] = {}
+    """One entry per family, in the order of its first: that one, with every joint on which another of it acts."""
+    found: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for effect in effects:
-        first = found.setdefault(tuple(sorted(kinds_said(effect))), {**effect, "joints": []})
-        first["joints"] = list(dict.fromkeys([*first["joints"], *effect["joints"]]))
-    return list(found.values())
+        found.setdefault(family_of(effect), []).append(effect)
+    return [_as_one(family) if len(family) > 1 else dict(family[0]) for family in found.values()]
+
+
+def _as_one(family: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The first of several effects whose ties are at their own joints, on all joints."""
+    ties = [{"kind": tie["kind"]} for tie in family[0].get("ties") or ()]
+    joints = dict.fromkeys(joint for effect in family for joint in effect["joints"])
+    return {**family[0], "joints": list(joints), "ties": ties}
 
 
 def lacks_interval(result: Mapping[str, Any]) -> bool:

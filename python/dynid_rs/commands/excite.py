@@ -260,7 +260,9 @@ def _effects(texts: tuple[str, str], model: Any, duration: float) -> tuple[Named
     from dynid_rs.excitation.shapes import ShapedEffect
 
     a, b = (parse_effect(text, model) for text in texts)
-    Separation(model, model.base_parameters(), ShapedEffect.of(a, model), ShapedEffect.of(b, model), duration)
+    shaped = ShapedEffect.of(a, model), ShapedEffect.of(b, model)
+    if Separation(model, model.base_parameters(), *shaped, duration).is_hopeless:
+        raise ValueError(f"--separate: beside the declared model no motion tells {texts[0]} from {texts[1]}")
     return a, b
 
 

@@ -30,11 +30,15 @@ SETTLED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """A hypothesis that passed: its logarithmic odds, and others that explain the same, as well or worse."""
+    """A hypothesis that passed: its logarithmic odds, and others that explain the same, as well or worse.
+
+    `same` are the ties that no motion would tell: beside the declared model their torque is the same.
+    """
 
     hypothesis: Hypothesis
     log_odds: float
     ties: tuple[tuple[Place, float], ...] = ()
+    same: tuple[Place, ...] = ()
     refuted: tuple[tuple[Place, float], ...] = ()
 
 

@@ -54,7 +54,7 @@ def effect_entries(
             "told_apart_from": [{**_where(other, names), "log_evidence": odds} for other, odds in named.refuted],
         }
         if kind == "gravity_tilt":  # a first joint whose frame is turned stands on a tilted base: no data tell those
-            entry["ties"].append({"kind": "kinematic_error", "joints": [names[0]]})
+            entry["ties"].append({"kind": "kinematic_error", "joints": [names[0]], "same_torque": True})
         if effect is not None:
             entry["plot"] = effect_plot(
                 found, effect, errors.model, errors.fit, errors.x, errors.places[effect], known[place]
@@ -63,7 +63,7 @@ def effect_entries(
             entry["plot"] = plot
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
-        elif not all(is_one_cause(kind, other) for (other, _), _ in named.ties):  # one or the other
+        elif any(at != joints or not is_one_cause(kind, other) for (other, at), _ in named.ties):  # one or the other
             entry |= {"kind": "unknown", "told_as": kind}
         elif effect is not None and effect not in sized:  # it predicts, but its size may be none
             signal = CATALOGUE[kind]["signals"][0]
@@ -87,7 +87,8 @@ def unscored(p: float) -> dict[str, Any]:
 
 
 def _tie(other: Place, odds: float, named: Named, names: Sequence[str]) -> dict[str, Any]:
-    return {**_where(other, names), "evidence": named.log_odds + odds}
+    same = {"same_torque": True} if other in named.same else {}
+    return {**_where(other, names), "evidence": named.log_odds + odds, **same}
 
 
 def _where(place: Place, names: Sequence[str]) -> dict[str, Any]:

@@ -41,11 +41,15 @@ class Number:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another name for the same torque: of a kind, on joints; `separate` is the command that designs a deciding run."""
+    """Another name for the same torque: of a kind, on joints.
+
+    `separate` is the command that designs a deciding run; `same_torque` that no motion would decide.
+    """
 
     kind: str
     joints: tuple[str, ...]
     separate: str = ""
+    same_torque: bool = False
     robot_joints: tuple[str, ...] = field(default=(), repr=False, compare=False)
 
     @property
@@ -230,7 +234,8 @@ def _number(entry: Entry) -> Number:
 
 
 def _rival(entry: Entry, robot_joints: tuple[str, ...]) -> Rival:
-    return Rival(entry["kind"], tuple(entry.get("joints") or ()), entry.get("separate") or "", robot_joints)
+    same = bool(entry.get("same_torque"))
+    return Rival(entry["kind"], tuple(entry.get("joints") or ()), entry.get("separate") or "", same, robot_joints)
 
 
 def _dependence(entry: Entry) -> Dependence:

@@ -230,7 +230,7 @@ def _ties(belief: Belief, contests: Mapping[Place, Contest]) -> list[_Tie]:
         _Tie(place, other, -odds)
         for place, named in belief.named.items()
         for other, odds in named.ties
-        if place in contests and other in contests[place].rivals
+        if place in contests and other in contests[place].rivals and other not in named.same
     ]
     return sorted(found, key=lambda tie: abs(tie.log_odds))
 

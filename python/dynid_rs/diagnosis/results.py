@@ -175,9 +175,14 @@ def _not_said(findings: Sequence[Finding]) -> bool:
 def complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:
     """An effect's entry with everything that readers may ask for; its ties with the command that separates them."""
     own = _named({**entry, "kind": entry.get("told_as", entry["kind"])}, joint_names)
-    ties = [{**tie, "separate": separate_command(own, _named(tie, joint_names), joint_names)} for tie in entry["ties"]]
-    ties = [{key: value for key, value in tie.items() if value != ""} for tie in ties]
+    ties = [_with_command(tie, own, joint_names) for tie in entry["ties"]]
     return _with_short_plot({"parameters": [], "told_apart_from": [], **entry, "rank": rank, "ties": ties})
+
+
+def _with_command(tie: Entry, own: NamedEffect, joint_names: Sequence[str]) -> Entry:
+    """A tie with the command that designs a motion which tells the two apart, where there is one."""
+    command = separate_command(own, _named(tie, joint_names), joint_names)
+    return {**tie, "separate": command} if command and not tie.get("same_torque") else tie
 
 
 def _named(entry: Entry, joint_names: Sequence[str]) -> NamedEffect:

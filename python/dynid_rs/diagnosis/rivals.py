@@ -18,13 +18,18 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import WITHIN_REACH, Value, evidence
 from dynid_rs.diagnosis.waves import SIZES
+from dynid_rs.excitation.named import NamedEffect
+from dynid_rs.excitation.separation import Separation
+from dynid_rs.excitation.shapes import ShapedEffect
 from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.regression.linear_model import sign_cost
 
+SOME_SECONDS = 10.0
+"""Length of the motion along which two places of a kind are compared: whatever is enough for some periods of it."""
 LIMITS = {"load_dependent_friction": "load_hysteresis"}
 """Kinds that are others with a length of nothing: the same cause, and where the two are ties, no other one."""
 
@@ -43,12 +48,20 @@ def contest(belief: Belief, effect: PlacedEffect, columns: Sequence[tuple[int, i
     catalogue, beside = belief.catalogue, belief.beside.without(columns)
     (h,) = catalogue.of([shaped_as(effect)])
     own = valued(beside, catalogue, h)
-    here = [s for s in catalogue.grid if s.joints == h.joints and (s.kind, s.joints) not in belief.named]
+    here = [s for s in catalogue.grid if _competes(s, h) and (s.kind, s.joints) not in belief.named]
     rivals, _ = evidence(beside, catalogue.of(here), catalogue)
     for place, rival in rivals.items():
         if abs(rival.value - own.value) < WITHIN_REACH:  # so near that the gaps of the grid could decide
             rivals[place] = valued(beside, catalogue, polished(beside, catalogue, rival.hypothesis))
     return Contest(beside, own, rivals)
+
+
+def _competes(s: Shaped, h: Hypothesis) -> bool:
+    """Whether a kind at a place may be what another is: at the same joints, or the same force at one of two joints.
+
+    Inertia that couples parallel axes 3 and 4 is the same as less of it between 2 and 4, with more in link and rotor 4.
+    """
+    return s.joints == h.joints or (len(h.joints) > 1 and s.kind == h.kind and bool({*s.joints} & {*h.joints}))
 
 
 def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
@@ -82,8 +95,18 @@ def weigh_rivals(belief: Belief) -> dict[Place, Contest]:
         odds = {p: v.value - against.own.value for p, v in against.rivals.items() if v.value > SURE}
         ties = tuple((p, d) for p, d in odds.items() if d > -SURE)
         refuted = tuple((p, d) for p, d in odds.items() if d <= -SURE)
-        belief.named[place] = replace(belief.named[place], ties=ties, refuted=refuted)
+        same = tuple(p for p, _ in ties if _same_torque(belief, place, p))
+        belief.named[place] = replace(belief.named[place], ties=ties, same=same, refuted=refuted)
     return contests
+
+
+def _same_torque(belief: Belief, place: Place, other: Place) -> bool:
+    """Whether no motion tells two places of a kind apart; two kinds differ in their formula."""
+    if place[0] != other[0]:
+        return False
+    robot = belief.setup.robot
+    one, another = (ShapedEffect.of(NamedEffect(*at), robot) for at in (place, other))
+    return Separation(robot, robot.base_parameters(), one, another, SOME_SECONDS).is_hopeless
 
 
 def is_one_cause(kind: str, other: str) -> bool:

@@ -151,7 +151,7 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
             told = {p: d for p, d in told.items() if still[p] < need}
         ties = tuple((p, d) for p, d in told.items() if d > -SURE)
         others = tuple((p, d) for p, d in told.items() if d <= -SURE)
-        found.append(Named(shaped, best.value - log_places, ties, others))
+        found.append(Named(shaped, best.value - log_places, ties, refuted=others))
         refused |= {place, *(p for p, _ in ties)}
     return found
 

@@ -11,7 +11,7 @@ from dynid_rs.base.mattering import matters
 from dynid_rs.base.numbers import interval as interval_said
 from dynid_rs.base.numbers import percent, significant
 from dynid_rs.base.units import plain_unit
-from dynid_rs.base.wording import concluded, in_families, is_better, kind_words, kinds_said
+from dynid_rs.base.wording import concluded, in_families, is_better, kind_words, kinds_said, other_places
 
 Result = Mapping[str, Any]
 
@@ -60,7 +60,9 @@ def named(entry: Result, joints: Sequence[str]) -> str:
     """An effect and its place, in words; `joints` are all joints of the robot."""
     places = list(entry["joints"])
     kinds = kinds_words(entry)
-    return f"{kinds} of the whole robot" if len(places) == len(joints) > 2 else f"{kinds} on {_listed(places)}"
+    if len(places) == len(joints) > 2:
+        return f"{kinds} of the whole robot"
+    return f"{kinds} on " + ", or on ".join(map(_listed, [places, *other_places(entry)]))
 
 
 def kinds_words(entry: Result) -> str:
@@ -85,7 +87,7 @@ def number_words(number: Result, *, interval: bool = False) -> str:
 
 def tie_words(tie: Result, joints: Sequence[str]) -> str:
     """Say what an effect is not told apart from, and the command that designs a run which would."""
-    how = f": {tie['separate']}" if tie.get("separate") else ""
+    how = f": {tie['separate']}" if tie.get("separate") else ", and no motion can" if tie.get("same_torque") else ""
     return f"not told apart from {named(tie, joints)}{how}"
 
 
@@ -167,7 +169,7 @@ def next_experiments(result: Result) -> list[str]:
     """Sentences: what to record next, the most telling first."""
     said: dict[str, None] = {}
     for entry in result["effects"]:
-        for tie in entry["ties"]:
+        for tie in (tie for tie in entry["ties"] if not tie.get("same_torque")):
             own = {"kind": entry.get("told_as", entry["kind"]), "joints": entry["joints"]}
             pair = f"{named(own, result['joints'])} and {named(tie, result['joints'])}"
             how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""

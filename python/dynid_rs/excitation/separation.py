@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.excitation.shapes import ShapedEffect
 from dynid_rs.runs.preprocessing import ROW_RATE, Band
+from dynid_rs.simulation.trajectory import FourierTrajectory
 
 if TYPE_CHECKING:
     from dynid_rs._core import BaseParameters, RobotModel
     from dynid_rs.excitation.constraints import Motion
-    from dynid_rs.simulation import FourierTrajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -37,6 +37,10 @@ SINGULAR = 1e-9
 """Directions of the base columns weaker than this are rounding."""
 SOFT = 4.0
 """Power of the mean that stands for the smallest."""
+HOPELESS = 1e-8
+"""Part of an effect's power that is left where nothing tells it: rounding, and what `SINGULAR` drops."""
+WILD = 5
+"""Harmonics of a motion that nothing is special about, of about 1 rad/s each."""
 NOTHING = 1e-12
 """Power below this part of the column's own is rounding."""
 
@@ -107,6 +111,15 @@ class Separation:
         self._rows = np.arange(guard, len(self.t) - guard, step)
         if len(self._rows) < 20:
             raise ValueError(f"--separate needs a longer motion than {duration:g} s; raise --duration")
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether no motion tells the two: one that nothing is special about leaves no more of them than rounding."""
+        rng, n = np.random.default_rng(0), self.robot.n_joints
+        fundamental = 2 * np.pi / (len(self.t) / RATE)
+        sines, cosines = rng.normal(size=(2, WILD, n))
+        wild = FourierTrajectory(rng.uniform(-np.pi, np.pi, n), sines, cosines, fundamental, rest=0.0)
+        return any(power.left <= HOPELESS * power.whole for power in self.powers(wild, ([0], [0])))
 
     def powers(
         self,

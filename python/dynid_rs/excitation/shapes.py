@@ -77,7 +77,7 @@ class ShapedEffect:
     def columns(self, motion: Motion, chosen: Sequence[int], step: float) -> dict[int, FloatArray]:
         """Per joint (n_samples, len(chosen), n_columns): torque per unit coefficient under the `chosen` shapes.
 
-        Both joints of a pair have columns of their own: zero where the other's act.
+        Those of a pair are the first joint's; the second feels them as its partner (`Effect.reaction`).
         """
         if self.effect.kind == TILT:
             return self._tilt(motion)
@@ -96,11 +96,15 @@ class ShapedEffect:
             q, dq, ddq = signals
             tau_link, tau_motor = loads.get("tau_link"), loads.get("tau_motor")
             columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link, tau_motor=tau_motor, step=step)
-            own = columns[:, : len(shapes)]
-            wide = np.zeros((*own.shape[:2], n_pairs * own.shape[2]))
-            wide[..., place * own.shape[2] : (place + 1) * own.shape[2]] = own
-            found[joint] = wide
+            found[joint] = columns[:, : len(shapes)]
+            if place == 1:
+                found[joint] = found[joint] * self._felt(shapes)
         return found
+
+    def _felt(self, shapes: Sequence[Shape]) -> FloatArray:
+        """Coefficients (n_shapes, n_columns) on the second joint of a pair over those on the first."""
+        first = self._core_effect(shapes, self.effect.joints[0])
+        return np.array([reaction[1] for k in range(len(shapes)) if (reaction := first.reaction(k))])
 
     def _predicted(self, motion: Motion) -> dict[str, FloatArray]:
         """Torques that effects of the load are made of, as far as the robot file tells them: friction it does not."""

@@ -157,8 +157,9 @@ def _experiments(result: Result) -> list[str]:
     short = dict(zip(result["joints"], short_names(result["joints"]), strict=True))
     ties = []
     for entry in result.get("effects") or []:
-        if entry.get("ties") and kinds_said(entry):
-            pair = (words(entry.get("told_as") or entry["kind"]), words(entry["ties"][0]["kind"]))
+        told_by_motion = [tie for tie in entry.get("ties") or () if not tie.get("same_torque")]
+        if told_by_motion and kinds_said(entry):
+            pair = (words(entry.get("told_as") or entry["kind"]), words(told_by_motion[0]["kind"]))
             joint = short.get(entry["joints"][0], entry["joints"][0])
             ties.append("Record a run that separates <b>{}</b> from <b>{}</b> on {}.".format(*map(esc, (*pair, joint))))
     return [ties[0], *others[1:]] if ties else others

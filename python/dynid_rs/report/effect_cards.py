@@ -10,7 +10,7 @@ from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.report import curves
 from dynid_rs.report.axes import signal_words
-from dynid_rs.report.families import Family, Member, families, where
+from dynid_rs.report.families import Family, Member, families, where_of
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.meanings import meaning
 from dynid_rs.report.tables import cell, table
@@ -67,14 +67,16 @@ def _family(figures: Figures, result: Result, family: Family) -> str:
     members = "".join(_member(figures, result, family, member, several=several) for member in family.members)
     return (
         f'<article class="family">\n<h3>{esc(capital(family.name))} '
-        f'<span class="soft">on {esc(where(family.joints, result))}</span></h3>\n'
-        f'<p class="meaning">{meaning(kinds)}{_either(kinds)}</p>\n'
+        f'<span class="soft">on {esc(where_of(family, result))}</span></h3>\n'
+        f'<p class="meaning">{meaning(kinds)}{_either(kinds, family.places)}</p>\n'
         f'<div class="members{"" if several else " one"}">{members}</div></article>\n'
     )
 
 
-def _either(kinds: Sequence[str]) -> str:
-    return " It is one or the other: these data cannot tell." if len(kinds) > 1 else ""
+def _either(kinds: Sequence[str], places: Sequence[Sequence[str]]) -> str:
+    if len(kinds) > 1:
+        return " It is one or the other: these data cannot tell."
+    return " It acts at one place or the other: these data cannot tell." if len(places) > 1 else ""
 
 
 def _member(figures: Figures, result: Result, family: Family, member: Member, *, several: bool) -> str:
@@ -161,11 +163,17 @@ def _neighbours(entry: Result) -> str:
         how = f" To separate them:<br><code>{esc(tie['separate'])}</code>" if tie.get("separate") else ""
         body += (
             f'<p class="tie"><b>Not told apart from {esc(words(tie["kind"]))}</b>{there}, which explains the data '
-            f"equally well{with_it}.{how}</p>\n"
+            f"equally well{with_it}{_on_any_motion(tie)}.{how}</p>\n"
         )
     apart = [_apart(other, entry["joints"]) for other in entry.get("told_apart_from") or []]
     body += f'<p class="note">Told apart from {join_words(apart)}.</p>\n' if apart else ""
     return body
+
+
+def _on_any_motion(tie: Result) -> str:
+    return ", and would on any motion: beside the declared model both are the same torque" * bool(
+        tie.get("same_torque")
+    )
 
 
 def _p(value: float) -> str:

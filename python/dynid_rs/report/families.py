@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynid_rs.base.mattering import changes, matters, measured
-from dynid_rs.base.wording import kinds_said
+from dynid_rs.base.wording import family_of, kinds_said, other_places
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.text import capital, join_words, short_names, words
 
@@ -37,6 +37,11 @@ class Family:
         return list(dict.fromkeys(joint for member in self.members for joint in member.entry["joints"]))
 
     @property
+    def places(self) -> list[Sequence[str]]:
+        """Joints on which they act, and where these data do not tell, those on which they may."""
+        return [self.joints, *other_places(self.members[0].entry)]
+
+    @property
     def unknown(self) -> bool:
         """Whether no name holds."""
         return self.name == UNKNOWN
@@ -52,10 +57,9 @@ def families(result: Result) -> tuple[list[Family], list[Family]]:
 
 
 def _grouped(members: Any) -> list[Family]:
-    grouped: dict[tuple[str, ...], list[Member]] = {}
+    grouped: dict[tuple[Any, ...], list[Member]] = {}
     for member in members:
-        kinds = tuple(sorted(kinds_said(member.entry)))
-        grouped.setdefault(kinds, []).append(member)
+        grouped.setdefault(family_of(member.entry), []).append(member)
     return [Family(effect_name(own[0].entry), tuple(own)) for own in grouped.values()]
 
 
@@ -72,9 +76,14 @@ def where(joints: Sequence[str], result: Result) -> str:
     return join_words([short.get(joint, joint) for joint in joints])
 
 
+def where_of(family: Family, result: Result) -> str:
+    """Where a family acts: `A3 and A4`, `A3 and A4, or A2 and A4` where it is either."""
+    return ", or ".join(where(joints, result) for joints in family.places)
+
+
 def said(family: Family, result: Result) -> str:
     """A family in a sentence: its name and where it acts; an unknown one with what it depends on."""
-    text = f"{family.name} on {where(family.joints, result)}"
+    text = f"{family.name} on {where_of(family, result)}"
     if not family.unknown:
         return text
     signals = [d["signal"] for m in family.members for d in m.entry.get("depends_on") or [] if d.get("direct", True)]

@@ -79,7 +79,9 @@ RESULT_SHAPE: Mapping[str, Any] = {
             "rmse_test_after_interval?": ["interval"],
             "p_value?": float,
             "share_explained?": float,
-            "ties?": [{"kind": str, "joints?": [str], "rmse_test_after?": [float], "separate?": str}],
+            "ties?": [
+                {"kind": str, "joints?": [str], "rmse_test_after?": [float], "separate?": str, "same_torque?": bool}
+            ],
             "told_apart_from?": [{"kind": str, "joints?": [str], "log_evidence?": float, "p?": float}],
             "depends_on?": [_DEPENDENCE],
             "plot?": _PLOT,

@@ -96,7 +96,7 @@ def test_a_tilt_is_found_on_an_arm_whose_file_says_nothing_of_its_links():
     assert names(found) == {("gravity_tilt", JOINTS)}
     assert holds(entry_of(found, "gravity_tilt"), truth_of(arm, "gravity_tilt")) == []
     (tie,) = entry_of(found, "gravity_tilt")["ties"]
-    assert (tie["kind"], tie["joints"]) == ("kinematic_error", ["shoulder"])  # no data tell those apart
+    assert (tie["kind"], tie["joints"], tie["same_torque"]) == ("kinematic_error", ["shoulder"], True)
 
 
 def test_two_encoders_show_a_disc_by_themselves():
