@@ -4,6 +4,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from dynid_rs import Recording, RobotModel
 from helpers.small_arm import URDF
@@ -47,15 +48,18 @@ def friction(dq):
 
 
 @functools.cache
-def run(encoder_noise, seed=0, duration=16.0):
-    """Semi-implicit steps at `RATE`: computed torque on the noisy position and its filtered derivative."""
+def run(encoder_noise, seed=0, duration=16.0, memory=0.0):
+    """Semi-implicit steps at `RATE`: computed torque on the noisy position and its filtered derivative.
+
+    With `memory`, from one sample to the next, there is as much noise of the encoder below the corner and none above.
+    """
     arm = robot()
     rng = np.random.default_rng(seed)
     n, m, step = arm.n_joints, int(duration * RATE), 1 / RATE
     t = step * np.arange(m)
     reference, velocity, acceleration = fourier(t, rng)
     q, dq = reference[0].copy(), velocity[0].copy()
-    noise = encoder_noise * rng.standard_normal((m, n))
+    noise = lfilter([1 - memory], [1, -memory], encoder_noise * rng.standard_normal((m, n)), axis=0)
     record, torque, seen = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, n))
     last, slow = q + noise[0], dq.copy()
     units = np.concatenate([np.zeros((1, n)), np.eye(n)])

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.low_pass import butterworth, steady_state
+from dynid_rs.runs.motion_band import motion_band, through_ends
 from dynid_rs.runs.recording import Delay, Recording
 from dynid_rs.runs.slope import slope
 
@@ -307,23 +308,25 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         )
     notes: list[str] = []
     two_encoders = recording.q_motor is not None
-    link = _side(recording, "q", recording.ddq, grid, band, rate, notes)
+    shown = _shown(recording, grid, band, rate)
+    link = _side(recording, "q", recording.ddq, grid, band, rate, shown.q, notes)
     exact = link[3]
     motor = link
     if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
-        motor = _side(recording, "q_motor", None, grid, band, rate, notes)
+        motor = _side(recording, "q_motor", None, grid, band, rate, shown.q_motor, notes)
     tau = _linear(recording.t, recording.tau, grid)
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
     if step > 1:
         tau = band.apply(tau, rate, 0.4 * rate / step)
     reference: list[FloatArray] | None = None
     if recording.q_reference is not None:
-        asked = _side(recording, "q_reference", None, grid, band, rate, notes)[:3]
+        asked = _side(recording, "q_reference", None, grid, band, rate, None, notes)[:3]
         reference = [np.ascontiguousarray(x[::step]) for x in asked]
     temperature = recording.temperature
     if temperature is not None:
         temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
-    moving, resting = find_motion(link[1][::step], rate / step, band, standstill)
+    ends = 0.0 if exact else 1 / shown.cutoff
+    moving, resting = find_motion(link[1][::step], rate / step, band, standstill, ends)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals: dict[str, Any] = dict(
         zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True)
@@ -373,6 +376,51 @@ def _grid(recording: Recording, rate: float) -> FloatArray:
     return np.arange(t[0], t[-1], 1 / rate)
 
 
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Positions (n, n_joints) of links and motors less what is noise, and the lowest frequency [Hz] that was kept."""
+
+    q: FloatArray
+    q_motor: FloatArray
+    cutoff: float
+
+
+def _shown(recording: Recording, grid: FloatArray, band: Band, rate: float) -> _Shown:
+    """Positions of links and motors on the grid, low-passed where their motion ends (`motion_band.py`).
+
+    Of two encoders on a joint the finer one shows the motion, and the other one what lies between them: gears yield
+    slowly, and a coarse encoder needs no other band for the motion that the fine one shows. A joint at rest keeps its
+    noise: what is slow of it is no motion either, but would have the sign of friction.
+    """
+    q = _on_grid(recording.t, recording.q, grid)
+    limits = band.cutoff / STATE_BAND, STATE_BAND * band.cutoff
+
+    def low_passed(x: FloatArray, cutoff: FloatArray) -> FloatArray:
+        columns = []
+        for j, own in enumerate(cutoff.tolist()):
+            ends = through_ends(x[:, j], rate, 1 / own)
+            columns.append(ends + band.apply(x[:, j] - ends, rate, own))
+        return np.stack(columns, axis=1)
+
+    link = motion_band(q, rate, *limits)
+    of_link = np.where(link.rests, limits[1], link.cutoff)
+    if recording.q_motor is None:
+        shown = low_passed(q, of_link)
+        return _Shown(shown, shown, float(of_link.min()))
+    q_motor = _on_grid(recording.t, recording.q_motor, grid)
+    motor, between = motion_band(q_motor, rate, *limits), q_motor - q
+    finer = motor.noise < link.noise
+    of_motor, of_both = np.where(motor.rests, limits[1], motor.cutoff), motion_band(between, rate, *limits).cutoff
+    of_fine = np.where(finer, of_motor, of_link)
+    fine, yields = low_passed(np.where(finer, q_motor, q), of_fine), low_passed(between, of_both)
+    lowest = float(min(of_fine.min(), of_both.min()))
+    return _Shown(np.where(finer, fine - yields, fine), np.where(finer, fine, fine + yields), lowest)
+
+
+def _on_grid(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
+    return x if grid is t else _spline(t, x, grid)
+
+
 def _side(
     recording: Recording,
     side: Literal["q", "q_motor", "q_reference"],
@@ -380,29 +428,33 @@ def _side(
     grid: FloatArray,
     band: Band,
     rate: float,
+    shown: FloatArray | None,
     notes: list[str],
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
-    """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched."""
+    """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched.
+
+    `shown` is the position less what is noise of its encoder, where that is known.
+    """
     t, q = recording.t, getattr(recording, side)
     name = f"d{side}"
     dq: FloatArray | None = getattr(recording, name, None)
-    q_grid = q if grid is t else _spline(t, q, grid)
+    q_grid = _on_grid(t, q, grid)
     if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
         return q, dq, ddq, True
     if ddq is not None:
         notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
     cutoff = STATE_BAND * band.cutoff
-    q_grid = band.apply(q_grid, rate, cutoff)
-    derivative = slope(q_grid, rate)
-    velocity = derivative
+    passed = band.apply(q_grid, rate, cutoff)
+    q_grid = passed if shown is None else shown
+    velocity = slope(q_grid, rate)
     if dq is not None:
         recorded = _linear(t, dq, grid)
         other = None
         if side == "q" and recording.q_motor is not None:
             other = slope(band.apply(_linear(t, recording.q_motor, grid), rate, cutoff), rate)
-        lag, agrees = _velocity_lag(derivative, recorded, other, band, rate)
+        lag, agrees = _velocity_lag(slope(passed, rate), recorded, other, band, rate)
         usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
-        velocity = np.where(usable, band.apply(recorded, rate, cutoff), derivative)
+        velocity = np.where(usable, band.apply(recorded, rate, cutoff), velocity)
         for j in np.flatnonzero(~usable):
             why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
             notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
@@ -460,13 +512,13 @@ def _velocity_lag(
 
 
 def find_motion(
-    dq: FloatArray, rate: float, band: Band, standstill: bool = False
+    dq: FloatArray, rate: float, band: Band, standstill: bool = False, ends: float = 0.0
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Samples in motion (n,), and joints that rest meanwhile (n, n_joints).
 
     Friction at rest is not a function of the state, so pauses are neither fitted nor scored: those of the arm, and
-    those of a joint while others move. A guard on both sides of a pause, and at both ends of the run, keeps the
-    filters' transients out.
+    those of a joint while others move. A guard on both sides of a pause, and at both ends of the run (`ends` [s] at
+    least), keeps the filters' transients out.
     """
     top = np.abs(dq).max(axis=0)
     still = np.less_equal(np.abs(dq), STILL_SPEED * np.where(top > 0, top, np.inf))
@@ -482,7 +534,8 @@ def find_motion(
         for first, last in stretches(still[:, j]):
             if last - first > REST_TIME * rate:
                 resting[max(0, first - guard) : last + guard, j] = True
-    moving[:guard] = moving[-guard:] = False
+    at_ends = max(guard, int(ends * rate))
+    moving[:at_ends] = moving[-at_ends:] = False
     for first, last in stretches(moving):
         if last - first < LEAST_MOTION * rate:
             moving[first:last] = False
