@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from dynid_rs import Recording
-from dynid_rs.runs.motion_band import MARGIN, motion_band, through_ends
+from dynid_rs.runs.motion_band import MARGIN, motion_band
+from dynid_rs.runs.positions import through_ends
 from dynid_rs.runs.preprocessing import Band, prepare
 
 RATE, SECONDS = 500.0, 40.0
@@ -65,7 +66,7 @@ def test_a_joint_at_rest_and_a_rate_that_leaves_no_noise_alone_keep_the_band():
 
 
 def test_noise_alone_shows_no_motion():
-    """In a hundred draws of a slow motion under white noise, whose window takes in a hertz beyond it."""
+    """In a hundred draws of a slow motion under white noise, to which the window adds a hertz."""
     q = waves(*SLOW)[0][: int(10 * RATE), None]
     for k in range(100):
         noise = 3e-5 * np.random.default_rng(k).standard_normal(q.shape)

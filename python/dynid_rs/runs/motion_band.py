@@ -73,21 +73,3 @@ def motion_band(q: FloatArray, rate: float, least: float, most: float) -> Motion
     speed, wrong = ((2 * np.pi * frequency[passed, None]) ** 2 * x for x in (power.mean(axis=0)[passed], noise))
     rests = speed.sum(axis=0) <= RESTS * wrong.sum(axis=0)
     return MotionBand(noise, np.clip(MARGIN * last, least, most), rests)
-
-
-def through_ends(x: FloatArray, rate: float, window: float) -> FloatArray:
-    """Polynomial of order five with the position, speed and acceleration that x (n,) has at its ends.
-
-    What remains of x begins and ends at rest: a filter, which goes on beyond the ends, knows what is there.
-    Those of x are a cubic's through its first and last `window` seconds, `rate` [Hz].
-    """
-    n = min(max(int(window * rate), 8), len(x))
-    inward = np.arange(n) / (len(x) - 1)  # of the whole length
-    cubic = np.linalg.pinv(np.vander(inward, 4, increasing=True))[:3]
-    (a, b, c), (a1, b1, c1) = cubic @ x[:n], cubic @ x[::-1][:n]
-    b1 = -b1  # time runs outward there
-    # The remaining three coefficients from value, slope and curvature at 1.
-    wanted = np.array([a1 - (a + b + c), b1 - (b + 2 * c), 2 * c1 - 2 * c])
-    last = np.linalg.solve(np.array([[1.0, 1.0, 1.0], [3.0, 4.0, 5.0], [6.0, 12.0, 20.0]]), wanted)
-    polynomial: FloatArray = np.polynomial.polynomial.polyval(np.linspace(0, 1, len(x)), [a, b, c, *last])
-    return polynomial

@@ -1,7 +1,7 @@
 """From a recording to states on a uniform grid, and the band in which torques are compared.
 
 Every column of the regressor and the torque go through the same zero-phase low-pass (parallel filtering), so the filter
-cancels from the equation; only positions are filtered before they are differentiated.
+cancels from the equation; only positions are filtered before they are differentiated, where their motion ends.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.low_pass import butterworth, steady_state
-from dynid_rs.runs.motion_band import motion_band, through_ends
+from dynid_rs.runs.positions import STATE_BAND, shown_positions
 from dynid_rs.runs.recording import Delay, Recording
 from dynid_rs.runs.slope import slope
 
@@ -31,8 +31,6 @@ ORDER = 4
 MEMORY = 3.0
 """The band's filter remembers for this time over its cutoff: so long are runs continued at their ends, and so long is
 what it makes of them off where they end in motion."""
-STATE_BAND = 2.0
-"""Positions are low-passed at this multiple of the band's cutoff before they are differentiated."""
 WORK_RATE = 40.0
 """States are kept at this multiple of the cutoff at least; friction's corners live above the band."""
 ROW_RATE = 4.0
@@ -290,9 +288,9 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     """States of `recording` at `rate` [Hz] or a whole fraction of it.
 
     Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
-    a careful logger). Otherwise positions are low-passed at twice the band and differentiated; a recorded velocity
-    replaces the derivative unless it lags behind. With `standstill` pauses are fitted and scored too: friction at rest
-    is no function of the state, but a model with memory can know it.
+    a careful logger). Otherwise positions are low-passed where their motion ends, at twice the band at most, and
+    differentiated; a recorded velocity replaces the derivative unless it lags behind. With `standstill` pauses are
+    fitted and scored too: friction at rest is no function of the state, but a model with memory can know it.
 
     Raises
     ------
@@ -308,11 +306,14 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         )
     notes: list[str] = []
     two_encoders = recording.q_motor is not None
-    shown = _shown(recording, grid, band, rate)
+    q, q_motor = _on_grid(recording.t, recording.q, grid), recording.q_motor
+    if q_motor is not None:
+        q_motor = None if np.array_equal(q_motor, recording.q) else _on_grid(recording.t, q_motor, grid)
+    shown = shown_positions(q, q_motor, band, rate)
     link = _side(recording, "q", recording.ddq, grid, band, rate, shown.q, notes)
     exact = link[3]
     motor = link
-    if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
+    if q_motor is not None:
         motor = _side(recording, "q_motor", None, grid, band, rate, shown.q_motor, notes)
     tau = _linear(recording.t, recording.tau, grid)
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
@@ -374,47 +375,6 @@ def _grid(recording: Recording, rate: float) -> FloatArray:
     if np.abs(t - uniform).max() < 1e-6 / rate:
         return t  # already there: interpolation would only add rounding
     return np.arange(t[0], t[-1], 1 / rate)
-
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """Positions (n, n_joints) of links and motors less what is noise, and the lowest frequency [Hz] that was kept."""
-
-    q: FloatArray
-    q_motor: FloatArray
-    cutoff: float
-
-
-def _shown(recording: Recording, grid: FloatArray, band: Band, rate: float) -> _Shown:
-    """Positions of links and motors on the grid, low-passed where their motion ends (`motion_band.py`).
-
-    Of two encoders on a joint the finer one shows the motion, and the other one what lies between them: gears yield
-    slowly, and a coarse encoder needs no other band for the motion that the fine one shows. A joint at rest keeps its
-    noise: what is slow of it is no motion either, but would have the sign of friction.
-    """
-    q = _on_grid(recording.t, recording.q, grid)
-    limits = band.cutoff / STATE_BAND, STATE_BAND * band.cutoff
-
-    def low_passed(x: FloatArray, cutoff: FloatArray) -> FloatArray:
-        columns = []
-        for j, own in enumerate(cutoff.tolist()):
-            ends = through_ends(x[:, j], rate, 1 / own)
-            columns.append(ends + band.apply(x[:, j] - ends, rate, own))
-        return np.stack(columns, axis=1)
-
-    link = motion_band(q, rate, *limits)
-    of_link = np.where(link.rests, limits[1], link.cutoff)
-    if recording.q_motor is None:
-        shown = low_passed(q, of_link)
-        return _Shown(shown, shown, float(of_link.min()))
-    q_motor = _on_grid(recording.t, recording.q_motor, grid)
-    motor, between = motion_band(q_motor, rate, *limits), q_motor - q
-    finer = motor.noise < link.noise
-    of_motor, of_both = np.where(motor.rests, limits[1], motor.cutoff), motion_band(between, rate, *limits).cutoff
-    of_fine = np.where(finer, of_motor, of_link)
-    fine, yields = low_passed(np.where(finer, q_motor, q), of_fine), low_passed(between, of_both)
-    lowest = float(min(of_fine.min(), of_both.min()))
-    return _Shown(np.where(finer, fine - yields, fine), np.where(finer, fine, fine + yields), lowest)
 
 
 def _on_grid(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
