@@ -25,6 +25,8 @@ RESTS = 4.0
 MARGIN = 2.0
 """Positions are low-passed at this multiple of the last frequency that shows motion. Of that the filter (two passes of
 order 4) takes .4 %, of half of it .002 %: less than the noise, whose acceleration falls by the power 5/2 of it."""
+ENOUGH_RATE = 10.0
+"""Means of as many samples as leave this multiple of the highest frequency: white noise stays white."""
 HIGH = (1.2, 0.9)
 """Frequencies of the noise: from this multiple of what the filter passes anyway to this part of half the rate."""
 
@@ -52,7 +54,10 @@ def motion_band(q: FloatArray, rate: float, least: float, most: float) -> Motion
     least, most : float
         Limits of the cutoffs [Hz]. Where the rate leaves no frequency that is noise alone, all are `most`.
     """
-    n = q.shape[1]
+    n, together = q.shape[1], max(1, int(rate / (ENOUGH_RATE * most)))
+    if together > 1:
+        q = q[: len(q) // together * together].reshape(-1, together, n).mean(axis=1)
+        rate /= together
     length = int(min(LENGTH * rate, len(q) - 2))
     frequency = np.fft.rfftfreq(length, 1 / rate)[1:]
     noise_only = (frequency > HIGH[0] * most) & (frequency < HIGH[1] * rate / 2)

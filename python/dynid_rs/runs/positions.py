@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,15 +63,16 @@ def shown_positions(q: FloatArray, q_motor: FloatArray | None, band: Band, rate:
 
 def _low_passed(x: FloatArray, cutoff: FloatArray, band: Band, rate: float) -> FloatArray:
     """Every column of x (n, k) below its own frequency."""
-    columns = []
-    for column, own in zip(x.T, cutoff.tolist(), strict=True):
-        ends = through_ends(column, rate, 1 / own)
-        columns.append(ends + band.apply(column - ends, rate, own))
-    return np.stack(columns, axis=1)
+    passed = np.empty_like(x)
+    for own in np.unique(cutoff):
+        alike = cutoff == own
+        ends = through_ends(x[:, alike], rate, 1 / own)
+        passed[:, alike] = ends + band.apply(x[:, alike] - ends, rate, float(own))
+    return passed
 
 
 def through_ends(x: FloatArray, rate: float, window: float) -> FloatArray:
-    """Polynomial of order five with the position, speed and acceleration that x (n,) has at its ends.
+    """Polynomials of order five with the positions, speeds and accelerations that x (n, ...) has at its ends.
 
     What remains of x begins and ends at rest: a filter, which goes on beyond the ends, knows what is there.
     Those of x are a cubic's through its first and last `window` seconds, `rate` [Hz].
@@ -83,5 +85,11 @@ def through_ends(x: FloatArray, rate: float, window: float) -> FloatArray:
     # The remaining three coefficients from value, slope and curvature at 1.
     wanted = np.array([a1 - (a + b + c), b1 - (b + 2 * c), 2 * c1 - 2 * c])
     last = np.linalg.solve(np.array([[1.0, 1.0, 1.0], [3.0, 4.0, 5.0], [6.0, 12.0, 20.0]]), wanted)
-    polynomial: FloatArray = np.polynomial.polynomial.polyval(np.linspace(0, 1, len(x)), [a, b, c, *last])
+    polynomial: FloatArray = _powers(len(x)) @ np.array([a, b, c, *last])
     return polynomial
+
+
+@lru_cache(maxsize=4)
+def _powers(n: int) -> FloatArray:
+    """Of time from 0 to 1, (n, 6)."""
+    return np.vander(np.linspace(0, 1, n), 6, increasing=True)

@@ -404,7 +404,7 @@ def _side(
     if ddq is not None:
         notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
     cutoff = STATE_BAND * band.cutoff
-    passed = band.apply(q_grid, rate, cutoff)
+    passed = band.apply(q_grid, rate, cutoff) if shown is None or dq is not None else shown
     q_grid = passed if shown is None else shown
     velocity = slope(q_grid, rate)
     if dq is not None:
