@@ -93,7 +93,8 @@ def centred(
     """Take off link encoders what the gears show that they show too much, no more and no less; setup and its fit.
 
     A link that is not where it is read to be looks like frames and inertials that are not where the file has them.
-    Where a gear shows nothing, the `declared` error (n_joints, 2) [rad] stays.
+    Where a gear shows nothing, the `declared` error (n_joints, 2) [rad] stays. Friction keeps its shapes: it is of the
+    motors' speed, which the link encoders do not show.
     """
     if not all(states.two_encoders for states in fit.runs_):
         return setup, fit
@@ -106,7 +107,7 @@ def centred(
             break
         setup = replace(setup, encoder_error=error)
         shapes = fit.friction_.transition_width_, fit.friction_.sharpness_
-        fit = fitted(setup, train, friction=SmoothFrictionIdentifier(shapes))
+        fit = fitted(setup, train, friction=SmoothFrictionIdentifier(shapes, held=True))
     return setup, fit
 
 
