@@ -24,12 +24,12 @@ STATE_BAND = 2.0
 class Shown:
     """Positions (n, n_joints) of links and motors less what is noise.
 
-    `cutoff` is the lowest frequency [Hz] below which the motion of a joint was kept.
+    `cutoff` (n_joints,) is the frequency [Hz] below which the motion of a joint was kept.
     """
 
     q: FloatArray
     q_motor: FloatArray
-    cutoff: float
+    cutoff: FloatArray
 
 
 def shown_positions(q: FloatArray, q_motor: FloatArray | None, band: Band, rate: float) -> Shown:
@@ -50,20 +50,20 @@ def shown_positions(q: FloatArray, q_motor: FloatArray | None, band: Band, rate:
     link = motion_band(q, rate, least, most)
     of_link = np.where(link.rests, most, link.cutoff)
     if q_motor is None:
-        shown = _low_passed(q, of_link, band, rate)
-        return Shown(shown, shown, float(of_link.min()))
+        shown = passed_on(q, of_link, band, rate)
+        return Shown(shown, shown, of_link)
     motor, between = motion_band(q_motor, rate, least, most), motion_band(q_motor - q, rate, least, most)
     of_motor = np.where(motor.rests, most, motor.cutoff)
     finer = motor.noise < link.noise
     of_fine = np.where(finer, of_motor, of_link)
-    fine = _low_passed(np.where(finer, q_motor, q), of_fine, band, rate)
-    yields = _low_passed(q_motor - q, between.cutoff, band, rate)
-    return Shown(np.where(finer, fine - yields, fine), np.where(finer, fine, fine + yields), float(of_fine.min()))
+    fine = passed_on(np.where(finer, q_motor, q), of_fine, band, rate)
+    yields = passed_on(q_motor - q, between.cutoff, band, rate)
+    return Shown(np.where(finer, fine - yields, fine), np.where(finer, fine, fine + yields), of_fine)
 
 
-def _low_passed(x: FloatArray, cutoff: FloatArray, band: Band, rate: float) -> FloatArray:
-    """Every column of x (n, k) below its own frequency."""
-    passed = np.empty_like(x)
+def passed_on(x: FloatArray, cutoff: float | FloatArray, band: Band, rate: float) -> FloatArray:
+    """Every column of x (n, k) below its own frequency [Hz], with ends that go on as x does."""
+    passed, cutoff = np.empty_like(x), np.broadcast_to(cutoff, x.shape[1])
     for own in np.unique(cutoff):
         alike = cutoff == own
         ends = through_ends(x[:, alike], rate, 1 / own)

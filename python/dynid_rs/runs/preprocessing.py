@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.low_pass import butterworth, steady_state
-from dynid_rs.runs.positions import STATE_BAND, shown_positions
+from dynid_rs.runs.positions import STATE_BAND, passed_on, shown_positions
 from dynid_rs.runs.recording import Delay, Recording
 from dynid_rs.runs.slope import slope
 
@@ -289,7 +289,8 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
 
     Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
     a careful logger). Otherwise positions are low-passed where their motion ends, at twice the band at most, and
-    differentiated; a recorded velocity replaces the derivative unless it lags behind. With `standstill` pauses are
+    differentiated; a recorded velocity replaces the derivative unless it lags behind, with its position up to twice the
+    band. With `standstill` pauses are
     fitted and scored too: friction at rest is no function of the state, but a model with memory can know it.
 
     Raises
@@ -326,7 +327,8 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     temperature = recording.temperature
     if temperature is not None:
         temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
-    ends = 0.0 if exact else 1 / shown.cutoff
+    # What was differentiated was filtered as narrowly as its position, and is off for longer at the ends.
+    ends = float(np.max((link[4] | motor[4]) / shown.cutoff))
     moving, resting = find_motion(link[1][::step], rate / step, band, standstill, ends)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals: dict[str, Any] = dict(
@@ -390,8 +392,8 @@ def _side(
     rate: float,
     shown: FloatArray | None,
     notes: list[str],
-) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
-    """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched.
+) -> tuple[FloatArray, FloatArray, FloatArray, bool, NDArray[np.bool_]]:
+    """Position, velocity, acceleration on the grid, whether they are the recorded ones, which joints' are derivatives.
 
     `shown` is the position less what is noise of its encoder, where that is known.
     """
@@ -400,25 +402,27 @@ def _side(
     dq: FloatArray | None = getattr(recording, name, None)
     q_grid = _on_grid(t, q, grid)
     if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
-        return q, dq, ddq, True
+        return q, dq, ddq, True, np.zeros(q.shape[1], dtype=bool)
     if ddq is not None:
         notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
     cutoff = STATE_BAND * band.cutoff
-    passed = band.apply(q_grid, rate, cutoff) if shown is None or dq is not None else shown
-    q_grid = passed if shown is None else shown
-    velocity = slope(q_grid, rate)
-    if dq is not None:
-        recorded = _linear(t, dq, grid)
-        other = None
-        if side == "q" and recording.q_motor is not None:
-            other = slope(band.apply(_linear(t, recording.q_motor, grid), rate, cutoff), rate)
-        lag, agrees = _velocity_lag(slope(passed, rate), recorded, other, band, rate)
-        usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
-        velocity = np.where(usable, band.apply(recorded, rate, cutoff), velocity)
-        for j in np.flatnonzero(~usable):
-            why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
-            notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
-    return q_grid, velocity, slope(velocity, rate), False
+    if dq is None:
+        q_grid = passed_on(q_grid, cutoff, band, rate) if shown is None else shown
+        velocity = slope(q_grid, rate)
+        return q_grid, velocity, slope(velocity, rate), False, np.ones(q.shape[1], dtype=bool)
+    passed, recorded = (passed_on(x, cutoff, band, rate) for x in (q_grid, _linear(t, dq, grid)))
+    other = None
+    if side == "q" and recording.q_motor is not None:
+        other = slope(band.apply(_linear(t, recording.q_motor, grid), rate, cutoff), rate)
+    lag, agrees = _velocity_lag(slope(passed, rate), recorded, other, band, rate)
+    usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
+    for j in np.flatnonzero(~usable):
+        why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
+        notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
+    # A velocity that was recorded shows motion that the position does not, and its noise is not the position's.
+    q_grid = np.where(usable, passed, passed if shown is None else shown)
+    velocity = np.where(usable, recorded, slope(q_grid, rate))
+    return q_grid, velocity, slope(velocity, rate), False, ~usable
 
 
 def _spline(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
