@@ -89,7 +89,7 @@ def test_with_everything_in_the_sample_nothing_is_lost(weighting, prior):
     if prior is None:
         assert_allclose(streamed.links_.x_, held.links_.x_, rtol=1e-9, atol=1e-11 * size)
         assert_allclose(streamed.links_.covariance_, held.links_.covariance_, rtol=1e-8)
-        assert_allclose(streamed.parameter_covariance(), covariance, rtol=1e-6, atol=1e-15)
+        assert_allclose(streamed.parameter_covariance(), covariance, rtol=1e-6, atol=1e-14)
     else:
         # The noise's search ends at a change of 1 %, and goes on where the sample's ended.
         assert streamed.links_.posterior_.choice == held.links_.posterior_.choice

@@ -198,7 +198,7 @@ def test_beyond_the_limits_is_counted_and_estimated_at_them(estimator, tmp_path)
 
 def test_a_band_of_ones_own_is_used(tmp_path):
     path = write(tmp_path / "run.csv", run(2))
-    for cutoff, name in (("4", "a"), ("8", "b")):
+    for cutoff, name in (("0.5", "a"), ("8", "b")):
         out = tmp_path / f"{name}.parquet"
         assert dynid("estimate", study().model, path, "--cutoff", cutoff, "-o", out).exit_code == 0
     a, b = table_of(tmp_path / "a.parquet"), table_of(tmp_path / "b.parquet")

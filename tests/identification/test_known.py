@@ -21,8 +21,9 @@ COEFFICIENT = 60.0
 ELBOW = 1
 TERM = ["[[term]]", 'kind = "counterbalance"', 'joint = "elbow"', "a = 0.5", "b = 0.12", "phase = 0.7"]
 TERM += ["gas_length = 0.4", "counterbalance = 60"]
-SAME_FIT = {"rtol": 1e-6, "atol": 1e-6}
-"""Two fits of the same numbers, once with a term added to the torque and taken off again."""
+SAME_FIT = {"rtol": 1e-6, "atol": 2e-6}
+"""Two fits of the same numbers, once with a term added to the torque and taken off again: roundings go from an
+offset to gravity, which the runs hardly tell apart."""
 
 
 def cylinder(q):

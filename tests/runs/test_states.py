@@ -58,7 +58,7 @@ def test_a_recorded_velocity_is_used():
     run = recording(rate, dq=lambda t: wave(t, 1) + 0.02 * noise)
     states, derived = prepare(run, BAND, rate), prepare(recording(rate), BAND, rate)
     assert states.notes == ()
-    assert_allclose(states.dq[INSIDE], BAND.apply(run.dq, rate, 10.0)[INSIDE], atol=1e-12)
+    assert_allclose(states.dq[INSIDE], BAND.apply(run.dq, rate, 10.0)[INSIDE], atol=1e-9)
     assert not np.allclose(states.dq, derived.dq, atol=1e-4)
 
 

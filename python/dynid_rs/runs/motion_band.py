@@ -59,7 +59,7 @@ def motion_band(q: FloatArray, rate: float, least: float, most: float) -> Motion
         q = q[: len(q) // together * together].reshape(-1, together, n).mean(axis=1)
         rate /= together
     length = int(min(LENGTH * rate, len(q) - 2))
-    frequency = np.fft.rfftfreq(length, 1 / rate)[1:]
+    frequency = np.fft.rfftfreq(max(length, 1), 1 / rate)[1:]
     noise_only = (frequency > HIGH[0] * most) & (frequency < HIGH[1] * rate / 2)
     if noise_only.sum() < LENGTH:
         return MotionBand(np.zeros(n), np.full(n, most), np.zeros(n, dtype=bool))

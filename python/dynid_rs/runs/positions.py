@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,16 +79,15 @@ def through_ends(x: FloatArray, rate: float, window: float) -> FloatArray:
     n = min(max(int(window * rate), 8), len(x))
     inward = np.arange(n) / (len(x) - 1)  # of the whole length
     cubic = np.linalg.pinv(np.vander(inward, 4, increasing=True))[:3]
+    first, x = x[0], x - x[0]  # what stands still stays where it is, to the last digit
     (a, b, c), (a1, b1, c1) = cubic @ x[:n], cubic @ x[::-1][:n]
     b1 = -b1  # time runs outward there
     # The remaining three coefficients from value, slope and curvature at 1.
     wanted = np.array([a1 - (a + b + c), b1 - (b + 2 * c), 2 * c1 - 2 * c])
     last = np.linalg.solve(np.array([[1.0, 1.0, 1.0], [3.0, 4.0, 5.0], [6.0, 12.0, 20.0]]), wanted)
-    polynomial: FloatArray = _powers(len(x)) @ np.array([a, b, c, *last])
+    time = np.linspace(0, 1, len(x)).reshape(-1, *(1,) * (x.ndim - 1))
+    polynomial: FloatArray = np.broadcast_to(last[2], x.shape).copy()
+    for coefficient in (last[1], last[0], c, b, a + first):  # no product of matrices, whose roundings differ by machine
+        polynomial *= time
+        polynomial += coefficient
     return polynomial
-
-
-@lru_cache(maxsize=4)
-def _powers(n: int) -> FloatArray:
-    """Of time from 0 to 1, (n, 6)."""
-    return np.vander(np.linspace(0, 1, n), 6, increasing=True)
