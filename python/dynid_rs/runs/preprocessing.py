@@ -290,8 +290,8 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
     a careful logger). Otherwise positions are low-passed where their motion ends, at twice the band at most, and
     differentiated; a recorded velocity replaces the derivative unless it lags behind, with its position up to twice the
-    band. With `standstill` pauses are
-    fitted and scored too: friction at rest is no function of the state, but a model with memory can know it.
+    band. With `standstill` pauses are fitted and scored too: friction at rest is no function of the state, but a model
+    with memory can know it.
 
     Raises
     ------
