@@ -29,13 +29,15 @@ ENOUGH_RATE = 10.0
 """Means of as many samples as leave this multiple of the highest frequency: white noise stays white."""
 HIGH = (1.2, 0.9)
 """Frequencies of the noise: from this multiple of what the filter passes anyway to this part of half the rate."""
+FEWEST = 4
+"""Frequencies of the noise below which nothing is known of it."""
 
 
 @dataclass(frozen=True)
 class MotionBand:
     """What positions show, (n_joints,) each.
 
-    `noise` power density [rad^2/Hz]; `cutoff` the frequency [Hz] below which there is motion; `rests` where there is
+    `noise` power density [rad^2/Hz]; `cutoff` the frequency [Hz] below which positions are kept; `rests` where there is
     none that noise does not hide.
     """
 
@@ -61,7 +63,7 @@ def motion_band(q: FloatArray, rate: float, least: float, most: float) -> Motion
     length = int(min(LENGTH * rate, len(q) - 2))
     frequency = np.fft.rfftfreq(max(length, 1), 1 / rate)[1:]
     noise_only = (frequency > HIGH[0] * most) & (frequency < HIGH[1] * rate / 2)
-    if noise_only.sum() < LENGTH:
+    if noise_only.sum() < FEWEST:
         return MotionBand(np.zeros(n), np.full(n, most), np.zeros(n, dtype=bool))
     # Of the second difference, under a window that falls with the fifth power: what is slow and large would leak into
     # all of the spectrum of the position itself.

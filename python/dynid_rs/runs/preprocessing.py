@@ -400,17 +400,16 @@ def _side(
     t, q = recording.t, getattr(recording, side)
     name = f"d{side}"
     dq: FloatArray | None = getattr(recording, name, None)
-    q_grid = _on_grid(t, q, grid)
     if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
         return q, dq, ddq, True, np.zeros(q.shape[1], dtype=bool)
     if ddq is not None:
         notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
     cutoff = STATE_BAND * band.cutoff
     if dq is None:
-        q_grid = passed_on(q_grid, cutoff, band, rate) if shown is None else shown
+        q_grid = passed_on(_on_grid(t, q, grid), cutoff, band, rate) if shown is None else shown
         velocity = slope(q_grid, rate)
         return q_grid, velocity, slope(velocity, rate), False, np.ones(q.shape[1], dtype=bool)
-    passed, recorded = (passed_on(x, cutoff, band, rate) for x in (q_grid, _linear(t, dq, grid)))
+    passed, recorded = (passed_on(x, cutoff, band, rate) for x in (_on_grid(t, q, grid), _linear(t, dq, grid)))
     other = None
     if side == "q" and recording.q_motor is not None:
         other = slope(band.apply(_linear(t, recording.q_motor, grid), rate, cutoff), rate)
