@@ -6,11 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.diagnosed import errors, found_in, names, recorded, rigid
+from helpers.diagnosed import ROBOT, errors, found_in, names, recorded, rigid, with_effects
 from helpers.nameless import Nameless
 
+from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.misfit import _parts_of, ended
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.unexplained import stood_in
 from dynid_rs.diagnosis.waves import of_signal
 from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.simulation import equip
@@ -95,6 +97,26 @@ def test_a_name_that_is_none_costs_functions_of_the_same_angle_theirs_and_no_oth
         assert _parts_of({(without_blame, (1,)): speed}, belief) == {}
     blamed = _parts_of({("stribeck", (1,)): speed, ("counterbalance", (1,)): angle}, belief)
     assert blamed == {("counterbalance", (1,)): angle, ("joint_spring", (1,)): angle}
+
+
+def test_a_name_that_only_stands_in_for_what_has_none_goes_and_a_right_one_beside_it_stays():
+    """A fluid takes the elbow along with the wrist's speed; friction that both share is the nearest name of it."""
+    arm = with_effects(rigid(), "friction_hysteresis:elbow:2")
+
+    def drag(signals):
+        return signals.dq[:, 2] * np.abs(signals.dq[:, 2])
+
+    runs = recorded(equip(arm, [*arm.effects, Nameless("nameless", (1,), 4.0 * arm.noise_std[1], torque=drag)]))
+    belief = Belief.in_declared(Setup(ROBOT), runs[:2])
+    right, wrong = ("friction_hysteresis", (1,)), ("coupled_friction", (1, 2))
+    for place in (right, wrong):
+        shapes = [h for h in belief.catalogue.hypotheses() if h.place == place]
+        scores = [score.value for score in belief.beside.screened(shapes)]
+        belief.accept([Named(shapes[int(np.argmax(scores))], max(scores))])
+    assert set(belief.named) == {right, wrong}
+    (left,) = stood_in(belief)
+    assert set(belief.named) == {right}
+    assert (left.joint, left.signals) == (1, (("dq_motor", 2),))
 
 
 def test_functions_of_an_angle_without_a_name_end_where_the_runs_do():

@@ -30,7 +30,7 @@ from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.signs import with_signs
-from dynid_rs.diagnosis.unexplained import unexplained
+from dynid_rs.diagnosis.unexplained import stood_in, unexplained_entries
 from dynid_rs.diagnosis.weighing import weighed_as
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import check_motion
@@ -135,9 +135,10 @@ def _traced(
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
+    left = stood_in(found)
     contests = weigh_rivals(found)
     left_open = open_questions(found, contests)
-    without_name, left = nameless(found, contests), unexplained(found)
+    without_name = nameless(found, contests)
     found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         settled = False
@@ -159,7 +160,7 @@ def _traced(
         findings=findings,
         entries=[{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)],
         steps=[_step(*step, names) for step in found.steps],
-        left=left,
+        left=unexplained_entries(left, names),
         asked=left_open,
     )
 

@@ -15,6 +15,7 @@ from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
+from dynid_rs.regression.linear_model import Columns
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,18 +40,20 @@ def backward(belief: Belief, need: float = 0.0) -> set[Place]:
         dropped.add(weakest)
 
 
-def standing(belief: Belief) -> dict[Place, float]:
-    """Logarithmic odds of every name of the setup beside all others."""
+def standing(belief: Belief, unnamed: Sequence[Columns] = ()) -> dict[Place, float]:
+    """Logarithmic odds of every name of the setup beside all others, and beside `unnamed` torques if there are some."""
     beside = belief.beside
+    for columns in unnamed:
+        beside = beside.with_columns(columns)
     log_places = float(np.log(belief.catalogue.n_places))
-    odds = {place: value - log_places for place, value in _structure(belief).items()}
+    odds = {place: value - log_places for place, value in _structure(belief, beside).items()}
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
         (h,) = belief.catalogue.of([shaped_as(effect)])
         odds[h.place] = beside.without(places).evidence_for(h)[0] - log_places
     return odds
 
 
-def _structure(belief: Belief) -> dict[Place, float]:
+def _structure(belief: Belief, beside: Beside) -> dict[Place, float]:
     """Logarithm of the Bayes factor of the changes of structure, by their posterior's density at none.
 
     ``ln BF = v' S^-1 v / 2 + ln(det S / det S_0) / 2``: value v, its covariance S beside everything, its prior's S_0
@@ -61,20 +64,20 @@ def _structure(belief: Belief) -> dict[Place, float]:
         if h.place == belief.mounting:
             continue
         size = max(h.sizes)
-        after = belief.beside.with_columns({j: size * part for j, part in h.columns.items()})
+        after = beside.with_columns({j: size * part for j, part in h.columns.items()})
         value = value_of(replace(belief.setup, declared=belief.declared.robot), h.kind, h.joints)
         width, unit = len(value), size * h.unit[: len(value)]
         at = slice(len(after.best.x) - len(h.unit), len(after.best.x) - len(h.unit) + width)
         S = after.best.covariance[at, at]
         z = (value + after.best.x[at] * unit) / unit
         factors[h.place] = 0.5 * float(z @ np.linalg.solve(S, z)) + 0.5 * float(np.linalg.slogdet(S)[1])
-    return factors | _gains(belief)
+    return factors | _gains(belief, beside)
 
 
-def _gains(belief: Belief) -> dict[Place, float]:
+def _gains(belief: Belief, beside: Beside) -> dict[Place, float]:
     """The same of gains, which stand in the fit's model already, by their logarithms."""
     scale, usual = belief.fit.links_.torque_scale_, float(USUAL[0])
-    spread_of_all = np.sqrt(np.diag(belief.beside.best.covariance))
+    spread_of_all = np.sqrt(np.diag(beside.best.covariance))
     factors: dict[Place, float] = {}
     for kind, joints in belief.named:
         spread = gain_spread(belief.fit, joints[0], spread_of_all) if kind == "torque_gain" else None
