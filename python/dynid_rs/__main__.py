@@ -12,6 +12,7 @@ from dynid_rs.base import interrupt, room, streams, threads
 def main() -> None:
     """Entry point."""
     streams.open_missing()
+    room.one_heap()
     interrupt.listen()
     told = threads.limit()
     if told is not None:

@@ -1,13 +1,20 @@
-"""Memory that runs out is one sentence and exit code 2: 1 would say that the answer is no."""
+"""How memory is held; where it runs out that is one sentence and exit code 2: 1 would say that the answer is no."""
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import json
+import os
+import platform
+import subprocess
+import sys
+from types import SimpleNamespace
 
 import pytest
 from helpers.small_arm import dynid, study
 
+from dynid_rs.base import room
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.room import RAN_OUT, ran_out
 
@@ -56,3 +63,39 @@ def test_a_command_says_it_to_people_and_programs(error, monkeypatch):
     assert result.stderr == f"error: {RAN_OUT}\n"
     assert json.loads(result.stdout)["error"] == {"class": "MemoryError", "message": RAN_OUT}
     assert "--memory" in RAN_OUT
+
+
+def asked_of_malloc(monkeypatch, **environment):
+    """What `one_heap` asks of the allocator, by the parameter's number."""
+    for name in [name for name in os.environ if name.startswith("MALLOC_")]:
+        monkeypatch.delenv(name)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    asked = {}
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: SimpleNamespace(mallopt=asked.__setitem__))
+    room.one_heap()
+    return asked
+
+
+def test_all_threads_share_a_heap_and_large_arrays_have_pages_of_their_own(monkeypatch):
+    asked = asked_of_malloc(monkeypatch)
+    assert asked == {room.M_ARENA_MAX: 1, room.M_MMAP_THRESHOLD: room.LARGE, room.M_TRIM_THRESHOLD: room.LARGE}
+
+
+def test_what_the_environment_says_of_malloc_stays(monkeypatch):
+    assert asked_of_malloc(monkeypatch, MALLOC_ARENA_MAX="4") == {}
+
+
+def test_another_allocator_is_left_alone(monkeypatch):
+    for name in [name for name in os.environ if name.startswith("MALLOC_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: SimpleNamespace())
+    room.one_heap()
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
+def test_the_allocator_takes_what_it_is_asked():
+    asked = "import ctypes; print([ctypes.CDLL(None).mallopt(p, v) for p, v in %r])"
+    parameters = [(room.M_ARENA_MAX, 1), (room.M_MMAP_THRESHOLD, room.LARGE), (room.M_TRIM_THRESHOLD, room.LARGE)]
+    done = subprocess.run([sys.executable, "-c", asked % parameters], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[1, 1, 1]"

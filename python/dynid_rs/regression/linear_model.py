@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 from weakref import WeakKeyDictionary
 
@@ -37,8 +38,8 @@ BoolArray = NDArray[np.bool_]
 Columns = Mapping[int, FloatArray]
 """Joint to its rows (n_rows, k) of a hypothesis; joints that are left out have zeros."""
 
-AT_ONCE = 100
-"""Hypotheses that are screened in one product; more would only take more memory."""
+AT_ONCE = 240
+"""Columns of hypotheses that are screened in one product; more would only take more memory."""
 
 
 class Choice(NamedTuple):
@@ -237,8 +238,9 @@ class LinearModel:
     ) -> list[list[Score]]:
         """`screen` beside each of several fits of this model, whose products with the hypotheses they share."""
         scored: list[list[Score]] = [[] for _ in fits]
-        for first in range(0, len(hypotheses), AT_ONCE):
-            part = slice(first, first + AT_ONCE)
+        group = np.cumsum([len(own) for own in bounds]) // AT_ONCE
+        edges = [0, *(np.flatnonzero(np.diff(group)) + 1).tolist(), len(hypotheses)] if hypotheses else []
+        for part in (slice(first, last) for first, last in pairwise(edges)):
             for own, more in zip(scored, self._screen(fits, hypotheses[part], bounds[part], sizes), strict=True):
                 own += more
         return scored
