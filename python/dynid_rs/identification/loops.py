@@ -106,7 +106,7 @@ class Loops:
         # goes with effects it stays what it is.
         runs = [(states.motion, states.digest("tau"), states.counted.tobytes()) for states in self.runs]
         made_of = self.robot, data.in_ampere, *runs
-        self.plan, self._first, regroup = kept_answer(made_of, lambda: self._baseline(first_friction))
+        self.plan, self._first, regroup = kept_answer("baseline", made_of, lambda: self._baseline(first_friction))
         self._held = self._first.phi_base_, self._first.torque_scale_
         self.stages = [self.model(self.plan, self._first, self._first.own_ @ regroup.T)]
         if all(states.two_encoders for states in data.runs):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.model.known import KnownTerm
+from dynid_rs.regression.kept_columns import kept_answer
 from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare, without
 from dynid_rs.runs.recording import Delay, Recording
 
@@ -132,8 +133,13 @@ def prepare_training_run(
     torque_delay: Delay = 0.0,
     standstill: bool = False,
 ) -> States:
-    """`prepare_training_runs` of one run, less its `excluded` windows [s]."""
-    states = without(on_time(recording, band, rate, torque_delay, standstill=standstill), excluded)
+    """`prepare_training_runs` of one run, less its `excluded` windows [s]; while a diagnosis goes on it is kept."""
+    made_of = band.cutoff, rate, tuple(excluded), tuple(np.atleast_1d(torque_delay).tolist()), standstill
+    states = kept_answer(
+        ("states", recording),
+        made_of,
+        lambda: without(on_time(recording, band, rate, torque_delay, standstill=standstill), excluded),
+    )
     if len(states.rows) < LEAST_ROWS:
         raise band.too_little(
             states.name,

@@ -34,8 +34,8 @@ class KeptColumns:
     _bytes: int = 0
     _lock: Lock = field(default_factory=Lock)
     """Of threads that ask side by side."""
-    answers: dict[Any, Any] = field(default_factory=dict)
-    """What else was made of the same motion: small, and asked for at every fit."""
+    answers: dict[Any, tuple[Any, Any]] = field(default_factory=dict)
+    """What else was made of the same runs, asked for at every fit: the last answer to every question."""
 
     def get(self, key: tuple[Any, ...]) -> PerJoint | None:
         """Return what was kept, as the last that was used."""
@@ -82,14 +82,17 @@ def kept(key: tuple[Any, ...], build: Callable[[], PerJoint]) -> PerJoint:
     return part
 
 
-def kept_answer(made_of: Any, build: Callable[[], Answer]) -> Answer:
-    """Return what has been built of the same before, inside of `keeping_columns`; nobody changes it."""
+def kept_answer(question: Any, made_of: Any, build: Callable[[], Answer]) -> Answer:
+    """Return the last answer to a question if it was made of the same, inside of `keeping_columns`; nobody changes it.
+
+    Of another robot or other runs it is built anew: the last ones are not asked for again.
+    """
     columns = _KEPT.get()
     if columns is None:
         return build()
-    if made_of not in columns.answers:
-        columns.answers = {made_of: build()}  # another robot or other runs: the last ones are not asked for again
-    answer: Answer = columns.answers[made_of]
+    if question not in columns.answers or columns.answers[question][0] != made_of:
+        columns.answers[question] = made_of, build()
+    answer: Answer = columns.answers[question][1]
     return answer
 
 
