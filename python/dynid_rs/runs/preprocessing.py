@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal
+from typing import Any
 from weakref import ref
 
 import numpy as np
@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.low_pass import butterworth, steady_state
-from dynid_rs.runs.positions import STATE_BAND, passed_on, shown_positions
+from dynid_rs.runs.on_grid import linear, splined, uniform_grid
+from dynid_rs.runs.positions import shown_positions
 from dynid_rs.runs.recording import Delay, Recording
+from dynid_rs.runs.sides import side_of
 from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
@@ -37,8 +39,6 @@ ROW_RATE = 4.0
 """Rows of the fit are kept at this multiple of the cutoff: twice what the band can hold."""
 SLOWER = 2.0
 """A run narrows the band of others that are sampled more than this times as fast."""
-LATEST_VELOCITY = 0.05
-"""A recorded velocity that lags its position by more than this over the cutoff is differentiated instead."""
 STILL_SPEED = 0.01
 """A joint moves above this part of its greatest speed."""
 STILL_TIME = 0.2
@@ -50,10 +50,6 @@ LEAST_MOTION = 0.5
 """Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
 LEAST_TOLD = 20
 """Rows in motion below which a joint is told by all of its rows, rests or not."""
-CLEARLY = 0.5
-"""A recorded velocity is another encoder's if it is so much nearer, in power."""
-EXACT = 1e-2
-"""A recorded acceleration counts as the derivative of the recorded velocity below this relative difference."""
 
 
 @lru_cache(maxsize=64)
@@ -274,7 +270,7 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
     for recording in recordings:
         rate = recording.rate
         grid = np.arange(recording.t[0], recording.t[-1], 1 / rate)
-        q = Band(4 * least).apply(_linear(recording.t, recording.q, grid), rate)
+        q = Band(4 * least).apply(linear(recording.t, recording.q, grid), rate)
         power = np.cumsum(np.abs(np.fft.rfft(slope(q, rate), axis=0)) ** 2, axis=0)
         frequencies += [np.searchsorted(column, 0.9 * column[-1]) * rate / len(grid) for column in power.T]
     slowest = min(recordings, key=lambda recording: recording.rate)
@@ -298,41 +294,39 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     DataError
         The run is too short for the band.
     """
-    grid = _grid(recording, rate)
+    grid = uniform_grid(recording.t, rate)
     if len(grid) / rate < 4 / band.cutoff:
         raise band.too_little(
             recording.name,
             f"{len(grid) / rate:.3g} s are too short for a band of {band.cutoff:.3g} Hz",
             f"at least {4 / band.cutoff:.3g} s are needed",
         )
-    notes: list[str] = []
     two_encoders = recording.q_motor is not None
-    q, q_motor = _on_grid(recording.t, recording.q, grid), recording.q_motor
+    q, q_motor = splined(recording.t, recording.q, grid), recording.q_motor
     if q_motor is not None:
-        q_motor = None if np.array_equal(q_motor, recording.q) else _on_grid(recording.t, q_motor, grid)
+        q_motor = None if np.array_equal(q_motor, recording.q) else splined(recording.t, q_motor, grid)
     shown = shown_positions(q, q_motor, band, rate)
-    link = _side(recording, "q", recording.ddq, grid, band, rate, shown.q, notes)
-    exact = link[3]
-    motor = link
-    if q_motor is not None:
-        motor = _side(recording, "q_motor", None, grid, band, rate, shown.q_motor, notes)
-    tau = _linear(recording.t, recording.tau, grid)
-    step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
+    link = side_of(recording, "q", grid, band, rate, shown.q)
+    motor = link if q_motor is None else side_of(recording, "q_motor", grid, band, rate, shown.q_motor)
+    notes = (*link.notes, *(() if motor is link else motor.notes))
+    tau = linear(recording.t, recording.tau, grid)
+    step = 1 if link.exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
     if step > 1:
         tau = band.apply(tau, rate, 0.4 * rate / step)
     reference: list[FloatArray] | None = None
     if recording.q_reference is not None:
-        asked = _side(recording, "q_reference", None, grid, band, rate, None, notes)[:3]
-        reference = [np.ascontiguousarray(x[::step]) for x in asked]
+        asked = side_of(recording, "q_reference", grid, band, rate)
+        notes += asked.notes
+        reference = [np.ascontiguousarray(x[::step]) for x in asked.signals]
     temperature = recording.temperature
     if temperature is not None:
-        temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
+        temperature = np.ascontiguousarray(linear(recording.t, temperature, grid)[::step])
     # What was differentiated was filtered as narrowly as its position, and is off for longer at the ends.
-    ends = float(np.max((link[4] | motor[4]) / shown.cutoff))
-    moving, resting = find_motion(link[1][::step], rate / step, band, standstill, ends)
+    ends = float(np.max((link.derived | motor.derived) / shown.cutoff))
+    moving, resting = find_motion(link.dq[::step], rate / step, band, standstill, ends)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals: dict[str, Any] = dict(
-        zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True)
+        zip(names, (np.ascontiguousarray(x[::step]) for x in (*link.signals, *motor.signals)), strict=True)
     )
     return States(
         name=recording.name,
@@ -344,7 +338,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         moving=moving,
         resting=resting,
         two_encoders=two_encoders,
-        notes=tuple(notes),
+        notes=notes,
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
         temperature=temperature,
         before=_states_before(recording, band, rate, standstill),
@@ -369,109 +363,6 @@ def without(states: States, windows: Sequence[tuple[float, float]], guard: float
     for start, end in windows:
         outside &= (states.t < start - guard) | (states.t > end + guard)
     return states if outside.all() else replace(states, moving=states.moving & outside)
-
-
-def _grid(recording: Recording, rate: float) -> FloatArray:
-    t = recording.t
-    uniform = t[0] + np.arange(len(t)) / rate
-    if np.abs(t - uniform).max() < 1e-6 / rate:
-        return t  # already there: interpolation would only add rounding
-    return np.arange(t[0], t[-1], 1 / rate)
-
-
-def _on_grid(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
-    return x if grid is t else _spline(t, x, grid)
-
-
-def _side(
-    recording: Recording,
-    side: Literal["q", "q_motor", "q_reference"],
-    ddq: FloatArray | None,
-    grid: FloatArray,
-    band: Band,
-    rate: float,
-    shown: FloatArray | None,
-    notes: list[str],
-) -> tuple[FloatArray, FloatArray, FloatArray, bool, NDArray[np.bool_]]:
-    """Position, velocity, acceleration on the grid, whether they are the recorded ones, which joints' are derivatives.
-
-    `shown` is the position less what is noise of its encoder, where that is known.
-    """
-    t, q = recording.t, getattr(recording, side)
-    name = f"d{side}"
-    dq: FloatArray | None = getattr(recording, name, None)
-    if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
-        return q, dq, ddq, True, np.zeros(q.shape[1], dtype=bool)
-    if ddq is not None:
-        notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
-    cutoff = STATE_BAND * band.cutoff
-    if dq is None:
-        q_grid = passed_on(_on_grid(t, q, grid), cutoff, band, rate) if shown is None else shown
-        velocity = slope(q_grid, rate)
-        return q_grid, velocity, slope(velocity, rate), False, np.ones(q.shape[1], dtype=bool)
-    passed, recorded = (passed_on(x, cutoff, band, rate) for x in (_on_grid(t, q, grid), _linear(t, dq, grid)))
-    other = None
-    if side == "q" and recording.q_motor is not None:
-        other = slope(band.apply(_linear(t, recording.q_motor, grid), rate, cutoff), rate)
-    lag, agrees = _velocity_lag(slope(passed, rate), recorded, other, band, rate)
-    usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
-    for j in np.flatnonzero(~usable):
-        why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
-        notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
-    # A velocity that was recorded shows motion that the position does not, and its noise is not the position's.
-    q_grid = np.where(usable, passed, passed if shown is None else shown)
-    velocity = np.where(usable, recorded, slope(q_grid, rate))
-    return q_grid, velocity, slope(velocity, rate), False, ~usable
-
-
-def _spline(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
-    from scipy.interpolate import CubicSpline  # late: with it comes scipy.optimize, and most runs are on the grid
-
-    between: FloatArray = CubicSpline(t, x)(grid)
-    return between
-
-
-def _linear(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
-    if grid is t:
-        return x
-    return np.stack([np.interp(grid, t, column) for column in x.T], axis=1)
-
-
-def _belongs(q: FloatArray, dq: FloatArray, ddq: FloatArray, band: Band, rate: float) -> bool:
-    """True if dq is q's derivative and ddq is dq's, in the band."""
-    for x, dx in ((q, dq), (dq, ddq)):
-        derivative = band.apply(slope(x, rate), rate)
-        filtered = band.apply(dx, rate)
-        scale = np.sqrt(np.mean(filtered**2, axis=0))
-        difference = np.sqrt(np.mean((derivative - filtered)[2:-2] ** 2, axis=0))
-        if np.any(difference > EXACT * scale + 1e-12):
-            return False
-    return True
-
-
-def _velocity_lag(
-    derivative: FloatArray, recorded: FloatArray, other: FloatArray | None, band: Band, rate: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Lag of the recorded velocity behind the position's derivative [s], and whether it is that.
-
-    It is not if it is of another size, nor if it is rather that of the `other` encoder: drives give their motors'
-    speed, and what a gear yields lies between.
-    """
-    reference, filtered = band.apply(derivative, rate), band.apply(recorded, rate)
-    change = slope(reference, rate)
-    beside = band.apply(other - derivative, rate) if other is not None else np.zeros_like(reference)
-    lag, agrees = np.zeros(reference.shape[1]), np.ones(reference.shape[1], dtype=bool)
-    for j in range(reference.shape[1]):
-        columns = np.stack([reference[:, j], change[:, j]], axis=1)
-        if not np.any(columns[:, 0]):
-            continue
-        (gain, shift), left, *_ = np.linalg.lstsq(columns, filtered[:, j], rcond=None)
-        agrees[j] = abs(gain - 1) < 0.1
-        lag[j] = -shift / gain if agrees[j] else 0.0
-        if abs(lag[j]) < LATEST_VELOCITY / band.cutoff:
-            theirs = np.linalg.lstsq(columns, filtered[:, j] - beside[:, j], rcond=None)[1]
-            agrees[j] &= not np.any(theirs < CLEARLY * left)  # no residuals where columns are dependent
-    return lag, agrees
 
 
 def find_motion(
