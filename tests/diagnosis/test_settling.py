@@ -177,10 +177,8 @@ def test_a_gain_s_factor_is_the_density_at_none_before_over_that_after(monkeypat
 
     monkeypatch.setattr(standing, "gain_spread", lambda fit, j, std: spread)
     links = SimpleNamespace(torque_scale_=np.array([1.0, gain, 1.0]))
-    belief = SimpleNamespace(
-        fit=SimpleNamespace(links_=links),
-        beside=SimpleNamespace(best=SimpleNamespace(covariance=np.eye(2))),
-        named=[("torque_gain", (ELBOW,)), ("stribeck", (WRIST,))],
-    )
+    named = [("torque_gain", (ELBOW,)), ("stribeck", (WRIST,))]
+    belief = SimpleNamespace(fit=SimpleNamespace(links_=links), named=named)
+    beside = SimpleNamespace(best=SimpleNamespace(covariance=np.eye(2)))
     expected = norm.logpdf(0.0, 0.0, standing.USUAL[0]) - norm.logpdf(0.0, np.log(gain), spread)
-    assert standing._gains(belief) == {("torque_gain", (ELBOW,)): pytest.approx(expected, rel=1e-12)}
+    assert standing._gains(belief, beside) == {("torque_gain", (ELBOW,)): pytest.approx(expected, rel=1e-12)}
