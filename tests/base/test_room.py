@@ -65,32 +65,41 @@ def test_a_command_says_it_to_people_and_programs(error, monkeypatch):
     assert "--memory" in RAN_OUT
 
 
-def asked_of_malloc(monkeypatch, **environment):
-    """What `one_heap` asks of the allocator, by the parameter's number."""
+def asked_of_malloc(monkeypatch, library, **environment):
+    """Let `one_heap` ask the allocator of a C library, in an environment that says this of malloc and no more."""
     for name in [name for name in os.environ if name.startswith("MALLOC_")]:
         monkeypatch.delenv(name)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    asked = {}
-    monkeypatch.setattr(ctypes, "CDLL", lambda _: SimpleNamespace(mallopt=asked.__setitem__))
+    monkeypatch.setattr(ctypes, "CDLL", library)
     room.one_heap()
-    return asked
 
 
 def test_all_threads_share_a_heap_and_large_arrays_have_pages_of_their_own(monkeypatch):
-    asked = asked_of_malloc(monkeypatch)
+    asked = {}
+    asked_of_malloc(monkeypatch, lambda _: SimpleNamespace(mallopt=asked.__setitem__))
     assert asked == {room.M_ARENA_MAX: 1, room.M_MMAP_THRESHOLD: room.LARGE, room.M_TRIM_THRESHOLD: room.LARGE}
 
 
 def test_what_the_environment_says_of_malloc_stays(monkeypatch):
-    assert asked_of_malloc(monkeypatch, MALLOC_ARENA_MAX="4") == {}
+    asked = {}
+    asked_of_malloc(monkeypatch, lambda _: SimpleNamespace(mallopt=asked.__setitem__), MALLOC_ARENA_MAX="4")
+    assert asked == {}
 
 
-def test_another_allocator_is_left_alone(monkeypatch):
-    for name in [name for name in os.environ if name.startswith("MALLOC_")]:
-        monkeypatch.delenv(name)
-    monkeypatch.setattr(ctypes, "CDLL", lambda _: SimpleNamespace())
-    room.one_heap()
+@pytest.mark.parametrize("refused", [None, OSError("no such library"), TypeError("a name is needed")])
+def test_another_allocator_is_left_alone(monkeypatch, refused):
+    """As on macOS, whose malloc has no such function, and where the program itself is no library."""
+    looked_for = []
+
+    def library(name):
+        looked_for.append(name)
+        if refused is not None:
+            raise refused
+        return SimpleNamespace()
+
+    asked_of_malloc(monkeypatch, library)
+    assert looked_for == [None]
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")

@@ -22,14 +22,14 @@ LARGE = 4 << 20
 def one_heap() -> None:
     """Hold small arrays of all threads in one heap, and give large ones pages of their own, where malloc is glibc's.
 
-    A heap for every thread has holes that the others do not fill: a fifth of the memory of a diagnosis was those. What
+    A heap for every thread has holes that the others do not fill: a sixth of the memory of a diagnosis was those. What
     the environment says of malloc stays.
     """
     if any(name.startswith("MALLOC_") for name in os.environ):
         return
     import ctypes
 
-    with suppress(Exception):  # another system's malloc has no such thing
+    with suppress(AttributeError, OSError, TypeError):  # another system's malloc has no such thing
         mallopt = ctypes.CDLL(None).mallopt
         for parameter, value in ((M_ARENA_MAX, 1), (M_MMAP_THRESHOLD, LARGE), (M_TRIM_THRESHOLD, LARGE)):
             mallopt(parameter, value)

@@ -29,6 +29,7 @@ LOOKED_AT = 3
 class Left:
     """A function of signals without a name that joint `joint` still lacks, on parts that were left out.
 
+    `columns` (n_rows, n_waves) in their likeliest size; `log_odds` against all sets of signals at all joints [nats];
     `share` of the joint's power there is its own; `alone`: the scores of its signals one by one, over its own.
     """
 
