@@ -254,8 +254,10 @@ class Belief:
         self.fit = self._refitted(friction)
         for _ in range(SETTLING):
             moved = self._follow_friction()
-            beside = self.beside
-            for h in self.structure():
+            structure = self.structure()
+            beside = self.beside if structure else None  # it takes a while
+            for h in structure:
+                assert beside is not None
                 beside = beside.with_columns(h.columns)
                 x = coefficients(h, h.columns, beside)
                 std = np.sqrt(np.diag(beside.best.covariance)[-len(h.unit) :]) * h.unit
@@ -284,7 +286,7 @@ class Belief:
         Where no name reaches they are those of the first fit: what little tells them would only be read otherwise.
         """
         if friction is not None:
-            return fitted(self.setup, self.train, friction=SmoothFrictionIdentifier(friction, held=True))
+            return fitted(self.setup, self.train, self.fit, friction=SmoothFrictionIdentifier(friction, held=True))
         so_far, first = self.fit.friction_, self.first.friction_
         held = ~np.isin(np.arange(self.setup.robot.n_joints), self.reached)
         shapes = (
@@ -327,9 +329,11 @@ def _apart(one: Shaped, other: Shaped) -> float:
     return max((abs(float(np.log(b / a))) if a and b else np.inf for a, b in pairs), default=0.0)
 
 
-def fitted(setup: Setup, train: Sequence[Recording], **options: Estimator) -> ThreeLoopIdentifier:
+def fitted(
+    setup: Setup, train: Sequence[Recording], near: ThreeLoopIdentifier | None = None, **options: Estimator
+) -> ThreeLoopIdentifier:
     """Fit declared model and what was found; without a third loop."""
-    return setup.identifier(residual=None, **options).fit(list(train))
+    return setup.identifier(residual=None, **options).fit(list(train), near=near)
 
 
 def coefficients(h: Hypothesis, columns: Columns, beside: Beside) -> FloatArray:

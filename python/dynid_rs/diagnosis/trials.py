@@ -37,8 +37,8 @@ SHORTLIST, HOPED_FOR = 12, 4
 """Places whose evidence is computed with the noise estimated anew in a step: those that screening puts first, and those
 that it would if rows were independent."""
 HOPELESS, WITHIN_REACH = -2.0, 10.0
-"""Evidence even of independent rows below which a place is not looked at again in a round, and nats by which a finer
-shape may raise it."""
+"""Evidence below which a place is not looked at in a finer shape, nor, were its rows independent, again in a round; and
+nats by which a finer shape may raise it: no name passes at less than their sum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def _averaged(
     value, columns = beside.evidence_for(hypotheses[best])
     averaged = Value(value + float(logsumexp(scores[at] - scores[best]) - np.log(len(at))), hypotheses[best], columns)
     place = hypotheses[best].place
-    if len(at) > 1 and -WITHIN_REACH < averaged.value < WITHIN_REACH and place not in catalogue.finer:
+    if len(at) > 1 and HOPELESS < averaged.value < WITHIN_REACH and place not in catalogue.finer:
         # A grid may miss a narrow best; one shape of so many is then its price.
         finer = catalogue.finer.setdefault(place, polished(beside, catalogue, hypotheses[best]))
         value, columns = beside.evidence_for(finer)

@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 MIXED = (-1.0, 1.0)
 """Bounds of what the fit before may have of the next torque."""
+SAME_LOAD = 1e-6
+"""Part of a torque by which it may be another one than its fit was asked with: a thousandth of what any drive shows."""
 
 
 def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
@@ -81,6 +83,21 @@ class Settling:
         self._last = off, after
         edges = np.cumsum([len(states.t) for states in given])[:-1]
         return [replace(states, tau_motor=tau) for states, tau in zip(given, np.split(mixed, edges), strict=True)]
+
+
+def has_settled(asked: Sequence[States], given: Sequence[States]) -> bool:
+    """Whether a fit gives the torques of links and motors that it was asked with."""
+    pairs = [
+        pair
+        for one, other in zip(asked, given, strict=True)
+        for pair in ((one.tau_link, other.tau_link), (one.tau_motor, other.tau_motor))
+    ]
+    return all(
+        before is not None
+        and after is not None
+        and bool(np.all(np.linalg.norm(after - before, axis=0) <= SAME_LOAD * np.linalg.norm(after, axis=0)))
+        for before, after in pairs
+    )
 
 
 def _stacked(runs: Sequence[States]) -> FloatArray:

@@ -20,7 +20,7 @@ from dynid_rs.identification.friction_experiment.rows import (
 )
 from dynid_rs.identification.friction_laws import fit_stribeck, power_left, with_laws
 from dynid_rs.identification.links import LinkDynamicsIdentifier, RowGroup, baseline, own_beside
-from dynid_rs.identification.loads import Settling, link_torque, with_load
+from dynid_rs.identification.loads import Settling, has_settled, link_torque, with_load
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, sign_by_way
 from dynid_rs.identification.training import TrainingData
@@ -42,8 +42,9 @@ SHAPE_ROUNDS, SAME_SHAPE = 6, 0.1
 """Rounds in which a smooth law's shapes and the links settle, and the change of a width's logarithm at which they
 have."""
 LOAD_ROUNDS, MOTOR_ROUNDS = 2, 5
-"""Fits after each other in which the load and what depends on it settle, where the change falls tenfold with each, and
-the motors' torque and what depends on it: there an error comes back up to 1.5 times as large, and is taken out."""
+"""Fits after each other, at most, in which the load and what depends on it settle, where the change falls tenfold with
+each, and the motors' torque and what depends on it: there an error comes back up to 1.5 times as large, and is taken
+out."""
 
 
 class Loops:
@@ -90,14 +91,18 @@ class Loops:
         self._made_of: tuple[object, ...] = (None, None, None)  # plan, runs and third loop of the last rows
         self._fresh: Observations | None = None  # rows that the links have been fitted to, with a prior of their own
         self._changed: list[int] | None = None  # joints whose torque the third loop has changed; at first all are new
+        self._near = False  # whether the prior and what samples are worth come from an earlier fit
 
     @property
     def third_loop_kept(self) -> bool:
         """Whether some joint has a third loop, so that another round can change something."""
         return self.residual is not None and bool(self.residual.kept.any())
 
-    def start(self) -> None:
-        """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs."""
+    def start(self, near: Loops | None = None) -> None:
+        """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs.
+
+        Loads, the prior and what samples are worth begin as `near` ended.
+        """
         data = self.data
         n = self.robot.n_joints
         first_friction = friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH))
@@ -116,6 +121,8 @@ class Loops:
         slow_runs = less_known(data.known, [self._as_seen(states) for states in data.slow_runs])
         if self.effects:
             loaded = with_load(self.plan, self._first, self._first.own_ @ regroup.T)
+            if near is not None:
+                loaded = with_load(near.plan, near.links, near.links.own_)
             slow_runs, self.runs = [loaded(states) for states in slow_runs], [loaded(states) for states in self.runs]
         if isinstance(self.friction, SmoothFrictionIdentifier):
             first_friction = self.friction.begin(n).effect_
@@ -125,6 +132,8 @@ class Loops:
         check_reversals(slow_runs, mirrors, self.robot.joint_names)
         self._pairs: list[PairWindow] = pair_windows(slow_runs, mirrors)
         self._third_loop = [np.zeros_like(states.tau) for states in self.runs]
+        if near is not None:
+            self.links.posterior_, self._near = near.links.posterior_, True
 
     def _baseline(self, friction: _core.Effect) -> tuple[Plan, LinkDynamicsIdentifier, FloatArray]:
         """Plan of the declared model, the baseline fitted to the runs, and its own columns among the plan's."""
@@ -152,7 +161,10 @@ class Loops:
             of_motor = any("tau_motor" in effect.signals for effect in self.plan.effects)
             for _ in range(MOTOR_ROUNDS if of_motor else LOAD_ROUNDS):
                 loaded = with_load(self.plan, self.links, self.links.own_)
-                self.runs = settling.next(self.runs, [loaded(states) for states in self.runs])
+                given = [loaded(states) for states in self.runs]
+                if has_settled(self.runs, given):
+                    break
+                self.runs = settling.next(self.runs, given)
                 self.observations = self._without_third_loop()
                 self._fit_links(self.observations, True)
         self._held = self.links.phi_base_, self.links.torque_scale_
@@ -170,7 +182,7 @@ class Loops:
     def _fit_links(self, observations: Observations, again: bool) -> None:
         """Second loop on these rows; what has been fitted to them afresh is not fitted afresh again."""
         if again or self._fresh is not observations:
-            self.links.fit(observations, beside=self.beside(), again=again, **self._gains())
+            self.links.fit(observations, beside=self.beside(), again=again or self._near, **self._gains())
         self._fresh = None if again else observations
 
     def _gains(self) -> dict[str, Any]:

@@ -173,6 +173,7 @@ class ThreeLoopIdentifier(RunRegressor):
         X: Runs,
         friction_recording: Runs | None = None,
         *,
+        near: ThreeLoopIdentifier | None = None,
         on_progress: Callable[[str], None] = lambda step: None,
     ) -> ThreeLoopIdentifier:
         """Fit to training runs.
@@ -185,6 +186,9 @@ class ThreeLoopIdentifier(RunRegressor):
         friction_recording : Recording, data frame, or list of them, optional
             Friction experiment: the same positions passed in both directions at the same speeds (Eqs. 5-8). Its pairs
             decide friction's shape and its odd part; their sums stand beside the training runs in the joint fit.
+        near : ThreeLoopIdentifier, optional
+            Fit to the same runs of a model that is nearly this one, shapes apart: the weak prior, what samples are
+            worth and the loads begin as they ended there, and are not searched from nothing again.
         on_progress : callable
             Called with a few words before every step.
 
@@ -228,13 +232,13 @@ class ThreeLoopIdentifier(RunRegressor):
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
             loops = self._loops(self._training_data(recordings, slow))
-            self._iterate(loops, on_progress)
+            self._iterate(loops, None if near is None else near.loops_, on_progress)
         self._keep(loops)
         return self
 
-    def _iterate(self, loops: Loops, on_progress: Callable[[str], None]) -> None:
+    def _iterate(self, loops: Loops, near: Loops | None, on_progress: Callable[[str], None]) -> None:
         on_progress("weighted least squares")
-        loops.start()
+        loops.start(near)
         self.history_: list[dict[str, FloatArray]] = []
         self.converged_ = False
         for self.n_iter_ in range(1, self.max_iter + 1):
