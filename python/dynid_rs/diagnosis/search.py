@@ -17,8 +17,9 @@ import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.hidden import hidden
+from dynid_rs.diagnosis.holding import holds, shares
+from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.one_clock import share_a_clock
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.rivals import contest, is_one_cause
@@ -27,7 +28,7 @@ from dynid_rs.diagnosis.setup import Setup, believed
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless, sized
 from dynid_rs.diagnosis.structural import REFITTED
-from dynid_rs.diagnosis.trials import Value, blocks, evidence, helps, is_stable, whole_runs
+from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -86,7 +87,7 @@ def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
     refused: set[Place] = set()
     for _ in range(MOST_ROUNDS):
         on_progress(f"{len(belief.named)} effects so far" if belief.named else "looking for effects")
-        found = forward(belief, refused)
+        found = forward(belief, refused) or hidden(belief, refused)
         if not found:
             return
         found = accept(belief, found, refused)
@@ -154,24 +155,6 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         found.append(Named(shaped, best.value - log_places, ties, refuted=others))
         refused |= {place, *(p for p, _ in ties)}
     return found
-
-
-def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
-    """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
-    parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
-    after = beside.with_columns(tried.columns)
-    return (
-        helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
-        # Either of two ties may come first in a half; which it is stays open.
-        and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
-        # What tells the same with more right, and does not hold, makes the next best no more likely.
-        and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > tried.value + SURE)
-    )
-
-
-def shares(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses act on a common joint, so that one may explain what the other does."""
-    return bool(set(one.columns) & set(other.columns))
 
 
 def exchange(belief: Belief) -> bool:

@@ -1,0 +1,82 @@
+"""Names that hide each other: a gain and a spring on one joint, a hysteresis and a cylinder.
+
+A name passes beside those before it. Where two are missing, what one of them leaves is the other: it remembers itself,
+the rows are worth little, parts of the data tell each of them otherwise, and neither passes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.belief import Belief, Named
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.holding import holds, shares
+from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
+from dynid_rs.diagnosis.rivals import is_one_cause
+from dynid_rs.diagnosis.trials import Value, evidence
+
+FloatArray = NDArray[np.float64]
+
+
+def hidden(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
+    """Two names that hide each other, or none; neither is of `never`.
+
+    A pair is at posterior odds of 19 to 1 among all pairs of kinds and places, for what the two say only together: what
+    they say alone counts for nothing. Beside the other each has to hold as any name does.
+    """
+    open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
+    log_places = float(np.log(belief.n_sought(open_)))
+    need = SURE + log_places
+    values, open_ = evidence(belief.beside, open_, belief.catalogue)
+    firsts = [value for value in values.values() if value.value > 0]
+    pairs = _pairs(belief, firsts, open_, need, need + log_places)
+    for first, second in sorted(pairs, key=lambda pair: -pair[0].value - pair[1].value):
+        both = [_beside(belief, *pair, open_) for pair in ((first, second), (second, first))]
+        if all(value.value > need and holds(belief, at, value, rivals, need) for value, at, rivals in both):
+            return [Named(value.hypothesis, value.value - log_places) for value, _, _ in both]
+    return []
+
+
+def _pairs(
+    belief: Belief, firsts: Sequence[Value], open_: Sequence[Hypothesis], need: float, of_pair: float
+) -> list[tuple[Value, Value]]:
+    """Names and what they uncover on their joints: a second one that is worth `of_pair` more beside them than alone."""
+    beside, pairs = belief.beside, dict[frozenset[Place], tuple[Value, Value]]()
+    alone = np.maximum(_scores(beside, open_), 0.0)
+    for first in firsts:
+        after = beside.with_columns(first.columns)
+        here = [k for k, h in enumerate(open_) if _may_hide(h, first.hypothesis)]
+        risen = _scores(after, [open_[k] for k in here]) - alone[:, here]
+        uncovered = {open_[here[int(np.argmax(row))]].place for row in risen if row.max(initial=0.0) > need}
+        for place in uncovered - {place for pair in pairs if first.hypothesis.place in pair for place in pair}:
+            found, _ = evidence(after, [h for h in open_ if h.place == place], belief.catalogue)
+            for second in found.values():
+                if second.value - max(beside.evidence_for(second.hypothesis)[0], 0.0) > of_pair:
+                    pairs[frozenset((first.hypothesis.place, place))] = first, second
+    return list(pairs.values())
+
+
+def _scores(beside: Beside, hypotheses: Sequence[Hypothesis]) -> FloatArray:
+    """Scores to second order with rows worth what they are, and as if each said something new, (2, n_hypotheses)."""
+    if not hypotheses:
+        return np.zeros((2, 0))
+    screened, hoped = beside.screened_and_hoped_for(hypotheses)
+    return np.array([[score.value for score in screened], hoped])
+
+
+def _may_hide(h: Hypothesis, other: Hypothesis) -> bool:
+    return h.place != other.place and shares(h, other)
+
+
+def _beside(belief: Belief, one: Value, other: Value, open_: Sequence[Hypothesis]) -> tuple[Value, Beside, list[Value]]:
+    """A name beside another one: its evidence there, the model it is added to, and its rivals."""
+    at = belief.beside.with_columns(other.columns)
+    here = [h for h in open_ if _may_hide(h, other.hypothesis) and shares(h, one.hypothesis)]
+    values = evidence(at, here, belief.catalogue)[0]
+    own = values.pop(one.hypothesis.place, replace(one, value=-np.inf))
+    return own, at, [v for v in values.values() if not is_one_cause(own.hypothesis.kind, v.hypothesis.kind)]

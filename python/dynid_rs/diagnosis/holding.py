@@ -1,0 +1,29 @@
+"""Whether a name that is likely holds on parts of the data, and against what acts on its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.trials import Value, blocks, helps, is_stable, whole_runs
+
+
+def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
+    """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
+    parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
+    after = beside.with_columns(tried.columns)
+    return (
+        helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
+        # Either of two ties may come first in a half; which it is stays open.
+        and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
+        # What tells the same with more right, and does not hold, makes the next best no more likely.
+        and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > tried.value + SURE)
+    )
+
+
+def shares(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses act on a common joint, so that one may explain what the other does."""
+    return bool(set(one.columns) & set(other.columns))
