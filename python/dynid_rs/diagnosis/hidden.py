@@ -70,13 +70,14 @@ def _scores(beside: Beside, hypotheses: Sequence[Hypothesis]) -> FloatArray:
 
 
 def _may_hide(h: Hypothesis, other: Hypothesis) -> bool:
-    return h.place != other.place and shares(h, other)
+    """Whether two act at the same joints: across joints every unknown torque has two that make it up."""
+    return h.place != other.place and h.place[1] == other.place[1]
 
 
 def _beside(belief: Belief, one: Value, other: Value, open_: Sequence[Hypothesis]) -> tuple[Value, Beside, list[Value]]:
     """A name beside another one: its evidence there, the model it is added to, and its rivals."""
     at = belief.beside.with_columns(other.columns)
-    here = [h for h in open_ if _may_hide(h, other.hypothesis) and shares(h, one.hypothesis)]
+    here = [h for h in open_ if h.place != other.hypothesis.place and shares(h, one.hypothesis)]
     values = evidence(at, here, belief.catalogue)[0]
     own = values.pop(one.hypothesis.place, replace(one, value=-np.inf))
     return own, at, [v for v in values.values() if not is_one_cause(own.hypothesis.kind, v.hypothesis.kind)]
