@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.diagnosed import ROBOT, measured
+from helpers.diagnosed import ROBOT, SIX_AXES, measured
 from numpy.testing import assert_allclose
+from sklearn.exceptions import NotFittedError
 
 from dynid_rs.identification.loads import has_settled, with_load
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
@@ -54,3 +55,12 @@ def test_the_loads_that_a_fit_was_asked_with_are_those_that_it_gives(runs, near)
     assert has_settled(fit.runs_, given)
     moved = [replace(states, tau_motor=1.001 * states.tau_motor) for states in fit.runs_]
     assert not has_settled(moved, given)
+
+
+def test_a_fit_of_other_joints_is_refused(runs):
+    first = identifier(0.01).fit(runs)
+    other = ThreeLoopIdentifier(SIX_AXES, residual=None)
+    with pytest.raises(ValueError, match="near is a fit with other joints"):
+        other.fit(measured(robot=SIX_AXES, n_runs=1, duration=8.0), near=first)
+    with pytest.raises(NotFittedError):
+        identifier(0.01).fit(runs, near=identifier(0.01))

@@ -195,7 +195,7 @@ class ThreeLoopIdentifier(RunRegressor):
         Raises
         ------
         ValueError
-            A parameter that is none, or something else than runs.
+            A parameter that is none, something else than runs, or `near` with other joints or another torque unit.
         DataError
             Runs of another robot, mixed units, a joint that never moves, too little motion, a run that is there
             twice, a friction run without reversal.
@@ -232,7 +232,7 @@ class ThreeLoopIdentifier(RunRegressor):
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
             loops = self._loops(self._training_data(recordings, slow))
-            self._iterate(loops, None if near is None else near.loops_, on_progress)
+            self._iterate(loops, None if near is None else _alike(near, loops), on_progress)
         self._keep(loops)
         return self
 
@@ -354,3 +354,12 @@ class ThreeLoopIdentifier(RunRegressor):
             return False
         last, now = self.history_[-2]["links"], self.history_[-1]["links"]
         return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
+
+
+def _alike(near: ThreeLoopIdentifier, loops: Loops) -> Loops:
+    """The loops of an earlier fit, of the same joints in the same unit."""
+    check_is_fitted(near, "loops_")
+    theirs = near.loops_.robot.joint_names, near.torque_unit_
+    if theirs != (loops.robot.joint_names, loops.data.torque_unit):
+        raise ValueError("near is a fit with other joints or another torque unit; give one to the same runs, or none")
+    return near.loops_
