@@ -19,6 +19,7 @@ from dynid_rs.diagnosis.holding import holds, shares
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.trials import Value, evidence
+from dynid_rs.diagnosis.unexplained import lacks
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +38,8 @@ def hidden(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     pairs = _pairs(belief, firsts, open_, need, need + log_places)
     for first, second in sorted(pairs, key=lambda pair: -pair[0].value - pair[1].value):
         both = [_beside(belief, *pair, open_) for pair in ((first, second), (second, first))]
-        if all(value.value > need and holds(belief, at, value, rivals, need) for value, at, rivals in both):
+        sure = all(value.value > need and holds(belief, at, value, rivals, need) for value, at, rivals in both)
+        if sure and not _stand_in(belief, both[0][0], both[1][0], log_places):
             return [Named(value.hypothesis, value.value - log_places) for value, _, _ in both]
     return []
 
@@ -72,6 +74,20 @@ def _scores(beside: Beside, hypotheses: Sequence[Hypothesis]) -> FloatArray:
 def _may_hide(h: Hypothesis, other: Hypothesis) -> bool:
     """Whether two act at the same joints: across joints every unknown torque has two that make it up."""
     return h.place != other.place and h.place[1] == other.place[1]
+
+
+def _stand_in(belief: Belief, one: Value, other: Value, log_places: float) -> bool:
+    """Whether either stands in for what has no name: beside a function that both leave it is less likely than not."""
+    after = belief.beside.with_columns(one.columns).with_columns(other.columns)
+    for j in one.hypothesis.place[1]:
+        left = lacks(belief.catalogue, after, j)
+        if left is None:
+            continue
+        for own, at in ((one, other), (other, one)):
+            beside = belief.beside.with_columns(left.columns).with_columns(at.columns)
+            if beside.evidence_for(own.hypothesis)[0] < log_places:
+                return True
+    return False
 
 
 def _beside(belief: Belief, one: Value, other: Value, open_: Sequence[Hypothesis]) -> tuple[Value, Beside, list[Value]]:

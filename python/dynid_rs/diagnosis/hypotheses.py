@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.identification.loads import link_load, with_load
+from dynid_rs.identification.loads import with_load
 from dynid_rs.identification.smooth_friction import in_paper_terms, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect, shapes_of_sign
@@ -29,8 +29,6 @@ USUAL = 0.1
 CYCLES_SHOWN = {"torque_ripple": (1.0, 4.0)}
 """Cycles on the joint's way between which the band shows a kind: with less than one nothing returns, and any curve is a
 part of it; with more there is little in the band, and `ripple.py` seeks it in the angle."""
-LEAST_WEIGHT = 0.1
-"""Part of a joint's load that weight has to be where nothing tells the rotor from the link."""
 ROUNDING = 1e-9
 """Relative change of a torque's size that is none."""
 CHUNK = 48
@@ -156,7 +154,6 @@ class Catalogue:
         self._load = np.concatenate([states.tau_link for states in self.runs if states.tau_link is not None]).std(
             axis=0
         )
-        self._carries = carried_loads(fit)
         self._turns = np.ptp(np.concatenate([states.q for states in self.runs]), axis=0) / (2 * np.pi)
         self._speed = top_speed(self.runs)
         factors, n_rows = fit.observations_.factors(), fit.observations_.n_rows
@@ -221,7 +218,7 @@ class Catalogue:
             "temperature": lambda: all(
                 s.temperature is not None and np.ptp(s.temperature[:, j]) > 0 for s in self.runs
             ),
-            "load": lambda: bool(self._carries[j]),
+            "load": lambda: bool(self._load[j] > 0),
         }
         return all(said[need]() for need in entry["requires"])
 
@@ -362,15 +359,6 @@ class Catalogue:
             lambda setup, x: replace(setup, effects=(*setup.effects, placed)),
             s.shape,
         )
-
-
-def carried_loads(fit: ThreeLoopIdentifier) -> NDArray[np.bool_]:
-    """Whether it is known what a joint's gear carries, (n_joints,): not inertia alone that may be its rotor's."""
-    load = link_load(fit.observations_.plan, fit.links_)
-    still = [replace(states, dq=0 * states.dq, ddq=0 * states.ddq) for states in fit.runs_]
-    moved, held = (np.concatenate([load(states) for states in runs]).std(axis=0) for runs in (fit.runs_, still))
-    carried: NDArray[np.bool_] = (moved > 0) & (fit.observations_.plan.own[:, 0] | (held > LEAST_WEIGHT * moved))
-    return carried
 
 
 def is_valid(kind: str, shape: Shape) -> bool:

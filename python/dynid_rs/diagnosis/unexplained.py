@@ -8,18 +8,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.base.threads import side_by_side
 from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.standing import standing
 from dynid_rs.diagnosis.trials import blocks
 from dynid_rs.diagnosis.waves import Signal, of_signal, signal_sets, waves
 from dynid_rs.regression.linear_model import Columns
-
-BoolArray = NDArray[np.bool_]
 
 LOOKED_AT = 3
 """Sets of signals of a joint that are looked at closely; screening orders them."""
@@ -61,22 +59,24 @@ def stood_in(found: Belief) -> list[Left]:
 
 def unexplained(found: Belief) -> list[Left]:
     """Functions of signals that still tell what joints lack; at most one a joint."""
-    parts, n = blocks(found.beside.model.n_rows), found.setup.robot.n_joints
-    functions = []
-    for j in range(n):
-        sets = list(signal_sets(n, j))
-        hypotheses = side_by_side(partial(_waves, found.catalogue, j), sets)
-        scores = _screened(found, j, hypotheses)
-        tries = [(*found.beside.evidence_for(hypotheses[k]), k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
-        value, columns, best = max(tries, key=lambda tried: tried[0])
-        log_odds = value - float(np.log(len(sets) * n))
-        share = _share(found, j, columns, parts)
-        if log_odds < SURE or share <= 0:
-            continue
-        alone = [max(scores[k] for k, other in enumerate(sets) if other == (signal,)) for signal in sets[best]]
-        of_all = tuple(float(np.clip(own / max(scores[best], 1e-300), 0.0, 1.0)) for own in alone)
-        functions.append(Left(j, sets[best], columns, log_odds, share, of_all))
-    return functions
+    left = [lacks(found.catalogue, found.beside, j) for j in range(found.setup.robot.n_joints)]
+    return [one for one in left if one is not None]
+
+
+def lacks(catalogue: Catalogue, beside: Beside, j: int) -> Left | None:
+    """The function of signals that still tells what joint j lacks beside a model, if there is one."""
+    sets, n = list(signal_sets(catalogue.fit.robot.n_joints, j)), catalogue.fit.robot.n_joints
+    hypotheses = side_by_side(partial(_waves, catalogue, j), sets)
+    scores = _screened(beside, j, hypotheses)
+    tries = [(*beside.evidence_for(hypotheses[k]), k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
+    value, columns, best = max(tries, key=lambda tried: tried[0])
+    log_odds = value - float(np.log(len(sets) * n))
+    share = _share(beside, j, columns)
+    if log_odds < SURE or share <= 0:
+        return None
+    alone = [max(scores[k] for k, other in enumerate(sets) if other == (signal,)) for signal in sets[best]]
+    of_all = tuple(float(np.clip(own / max(scores[best], 1e-300), 0.0, 1.0)) for own in alone)
+    return Left(j, sets[best], columns, log_odds, share, of_all)
 
 
 def unexplained_entries(left: Sequence[Left], names: Sequence[str]) -> list[dict[str, Any]]:
@@ -99,9 +99,9 @@ def _waves(catalogue: Catalogue, j: int, signals: Sequence[Signal]) -> Hypothesi
     return waves(catalogue, j, [of_signal(signal) for signal in signals])
 
 
-def _screened(found: Belief, j: int, hypotheses: Sequence[Hypothesis]) -> list[float]:
+def _screened(beside: Beside, j: int, hypotheses: Sequence[Hypothesis]) -> list[float]:
     """Scores that order waves on joint j: as if its rows were independent, for how much they are worth is not known."""
-    model, best = found.beside.model, found.beside.best
+    model, best = beside.model, beside.best
     worth = model.n_effective.copy()
     worth[j] = model.counted[j].sum()
     model = replace(model, n_effective=worth)
@@ -110,9 +110,8 @@ def _screened(found: Belief, j: int, hypotheses: Sequence[Hypothesis]) -> list[f
     return [score.value for score in model.screen(fit, columns, bounds, hypotheses[0].sizes)]
 
 
-def _share(found: Belief, j: int, columns: Columns, parts: Sequence[BoolArray]) -> float:
+def _share(beside: Beside, j: int, columns: Columns) -> float:
     """Part of joint j's power on parts that were left out which waves take off."""
-    beside = found.beside
-    after = beside.with_columns(columns)
+    parts, after = blocks(beside.model.n_rows), beside.with_columns(columns)
     without, left = (float(b.model.left_out(b.best, parts)[:, j].sum()) for b in (beside, after))
     return 1 - left / max(without, 1e-300)
