@@ -54,8 +54,10 @@ def _pairs(
         after = beside.with_columns(first.columns)
         here = [k for k, h in enumerate(open_) if _may_hide(h, first.hypothesis)]
         risen = _scores(after, [open_[k] for k in here]) - alone[:, here]
-        uncovered = {open_[here[int(np.argmax(row))]].place for row in risen if row.max(initial=0.0) > need}
-        for place in uncovered - {place for pair in pairs if first.hypothesis.place in pair for place in pair}:
+        uncovered = [open_[here[int(np.argmax(row))]].place for row in risen if row.max(initial=0.0) > need]
+        for place in dict.fromkeys(uncovered):
+            if frozenset((first.hypothesis.place, place)) in pairs:
+                continue
             found, _ = evidence(after, [h for h in open_ if h.place == place], belief.catalogue)
             for second in found.values():
                 if second.value - max(beside.evidence_for(second.hypothesis)[0], 0.0) > of_pair:
