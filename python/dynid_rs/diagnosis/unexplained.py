@@ -43,16 +43,17 @@ def stood_in(found: Belief) -> list[Left]:
     """Take out names that only stood in for what has no name, the least likely first; return what is left then.
 
     A name has passed against other names and against nothing. What none of them is (a fluid that takes a joint along
-    with another's speed) makes the nearest of them likely all the same; beside a function that does tell it, it is less
-    likely than not.
+    with another's speed) makes the nearest of them likely all the same; beside a function that does tell it, it is no
+    more probable than none.
     """
+    none = -float(np.log(found.catalogue.n_places))
     while True:
         left = unexplained(found)
         joints = {one.joint for one in left}
         odds = standing(found, [one.columns for one in left]) if left else {}
         within = [p for p, own in found.named.items() if p in odds and joints & {*found.reach(own.hypothesis)}]
         weakest = min(within, key=lambda place: odds[place], default=None)
-        if weakest is None or odds[weakest] > 0:
+        if weakest is None or odds[weakest] > none:
             return left
         found.remove(weakest)
 
