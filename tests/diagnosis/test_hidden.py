@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from helpers.diagnosed import ROBOT, found_in, measured, names
 
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hidden import hidden
+from dynid_rs.diagnosis.hidden import _may_hide, hidden
 from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
 
@@ -19,10 +22,37 @@ def believed(*wishes):
 
 def test_two_frictions_of_a_joint_look_like_a_third_one_at_a_time_and_like_themselves_together():
     belief = believed("friction_hysteresis:elbow:2", "load_dependent_friction:elbow:2")
-    assert {HYSTERESIS, UNDER_LOAD}.isdisjoint(named.hypothesis.place for named in forward(belief))
+    assert [named.hypothesis.place for named in forward(belief)] == [("load_hysteresis", (1,))]
     found = {named.hypothesis.place: named.log_odds for named in hidden(belief)}
     assert set(found) == {HYSTERESIS, UNDER_LOAD}
     assert min(found.values()) > 20.0
+
+
+def test_two_at_different_joints_are_no_pair():
+    belief = believed()
+    at = {(h.kind, h.joints): h for h in belief.catalogue.hypotheses()}
+    elbow, wrist = at["friction_hysteresis", (1,)], at["load_dependent_friction", (2,)]
+    assert _may_hide(elbow, at["load_dependent_friction", (1,)])
+    assert not _may_hide(elbow, wrist)
+    assert not _may_hide(elbow, at["coupled_friction", (1, 2)])
+    assert not _may_hide(elbow, elbow)
+
+
+def test_two_that_stand_in_for_what_has_no_name_are_no_pair(monkeypatch):
+    """Beside a function that tells all that the two do, neither is likely."""
+    belief = believed("friction_hysteresis:elbow:2", "load_dependent_friction:elbow:2")
+    both = [
+        belief.catalogue.of([s])[0] for s in belief.catalogue.grid if (s.kind, s.joints) in (HYSTERESIS, UNDER_LOAD)
+    ]
+    torque = {1: np.concatenate([h.columns[1] for h in both], axis=1)}
+    monkeypatch.setattr("dynid_rs.diagnosis.hidden.lacks", lambda *_: SimpleNamespace(columns=torque))
+    assert hidden(belief) == []
+
+
+def test_friction_under_load_is_sought_on_an_upright_axis_too():
+    """Its gear carries inertia alone."""
+    places = {(s.kind, s.joints) for s in believed().catalogue.grid}
+    assert {("load_dependent_friction", (j,)) for j in range(3)} <= places
 
 
 def test_a_diagnosis_names_both():

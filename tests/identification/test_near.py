@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.diagnosed import ROBOT, SIX_AXES, measured
 from numpy.testing import assert_allclose
+from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from dynid_rs.identification.loads import has_settled, with_load
@@ -32,8 +33,13 @@ def runs():
     return measured("load_hysteresis:elbow:2", "torque_saturation:wrist:2", n_runs=2, duration=8.0)
 
 
-def test_near_itself_nothing_moves(runs):
+def test_near_itself_nothing_moves_and_nothing_is_chosen_again(runs, monkeypatch):
     first = identifier(0.01).fit(runs)
+
+    def choose(*_):
+        raise AssertionError("the prior is known")
+
+    monkeypatch.setattr("dynid_rs.regression.evidence._likeliest", choose)
     again = identifier(0.01).fit(runs, near=first)
     assert again.links_.posterior_.choice == first.links_.posterior_.choice
     assert_allclose(again.links_.posterior_.n_effective, first.links_.posterior_.n_effective)
@@ -53,14 +59,23 @@ def test_the_loads_that_a_fit_was_asked_with_are_those_that_it_gives(runs, near)
     loaded = with_load(fit.observations_.plan, fit.links_, fit.links_.own_)
     given = [loaded(states) for states in fit.runs_]
     assert has_settled(fit.runs_, given)
-    moved = [replace(states, tau_motor=1.001 * states.tau_motor) for states in fit.runs_]
-    assert not has_settled(moved, given)
+    for name in ("tau_link", "tau_motor"):
+        for joint in range(3):
+            moved = [
+                replace(states, **{name: getattr(states, name) * (1 + 1e-5 * (np.arange(3) == joint))})
+                for states in given
+            ]
+            assert not has_settled(moved, given)
 
 
 def test_a_fit_of_other_joints_is_refused(runs):
     first = identifier(0.01).fit(runs)
     other = ThreeLoopIdentifier(SIX_AXES, residual=None)
-    with pytest.raises(ValueError, match="near is a fit with other joints"):
+    with pytest.raises(ValueError, match="near is a fit of other joints"):
         other.fit(measured(robot=SIX_AXES, n_runs=1, duration=8.0), near=first)
+    with pytest.raises(ValueError, match="runs, free gains"):
+        identifier(0.01).fit(runs[:1], near=first)
+    with pytest.raises(ValueError, match="runs, free gains"):
+        clone(first).set_params(free_gains=(1,)).fit(runs, near=first)
     with pytest.raises(NotFittedError):
         identifier(0.01).fit(runs, near=identifier(0.01))

@@ -283,6 +283,8 @@ class Belief:
     def _refitted(self, friction: tuple[FloatArray, FloatArray] | None = None) -> ThreeLoopIdentifier:
         """Fit of the setup now; friction's shapes are those given, or stay near those of the fit so far.
 
+        With given ones the prior and what samples are worth stay too: shapes are compared by nothing else.
+
         Where no name reaches they are those of the first fit: what little tells them would only be read otherwise.
         """
         if friction is not None:

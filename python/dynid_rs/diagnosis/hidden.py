@@ -28,7 +28,7 @@ def hidden(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     """Two names that hide each other, or none; neither is of `never`.
 
     A pair is at posterior odds of 19 to 1 among all pairs of kinds and places, for what the two say only together: what
-    they say alone counts for nothing. Beside the other each has to hold as any name does.
+    they say alone counts for nothing. Beside the other each has to hold as any name does, in its grid's shape.
     """
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
     log_places = float(np.log(belief.n_sought(open_)))

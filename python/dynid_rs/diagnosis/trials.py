@@ -38,7 +38,7 @@ SHORTLIST, HOPED_FOR = 12, 4
 that it would if rows were independent."""
 HOPELESS, WITHIN_REACH = -2.0, 10.0
 """Evidence below which a place is not looked at in a finer shape, nor, were its rows independent, again in a round; and
-nats by which a finer shape may raise it: no name passes at less than their sum."""
+nats within which a finer shape may decide: from below it would have to be e^8 times as likely as the grid's to pass."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,8 @@ class Loops:
         self._delay = np.zeros(robot.n_joints)
         self._stribeck: _core.Effect | None = None
         self._made_of: tuple[object, ...] = (None, None, None)  # plan, runs and third loop of the last rows
-        self._fresh: Observations | None = None  # rows that the links have been fitted to, with a prior of their own
+        # Rows that the links have been fitted to, their prior chosen for them or as in an earlier fit.
+        self._fresh: Observations | None = None
         self._changed: list[int] | None = None  # joints whose torque the third loop has changed; at first all are new
         self._near = False  # whether the prior and what samples are worth come from an earlier fit
 
@@ -101,7 +103,7 @@ class Loops:
     def start(self, near: Loops | None = None) -> None:
         """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs.
 
-        Loads, the prior and what samples are worth begin as `near` ended.
+        Loads, the prior and what samples are worth begin as `near` ended; those of the slow runs stay so.
         """
         data = self.data
         n = self.robot.n_joints
@@ -132,8 +134,9 @@ class Loops:
         check_reversals(slow_runs, mirrors, self.robot.joint_names)
         self._pairs: list[PairWindow] = pair_windows(slow_runs, mirrors)
         self._third_loop = [np.zeros_like(states.tau) for states in self.runs]
-        if near is not None:
-            self.links.posterior_, self._near = near.links.posterior_, True
+        if near is not None and near.links.posterior_ is not None:
+            worth = near.links.worth_ * np.maximum(self.observations.n_counted, 1)
+            self.links.posterior_, self._near = replace(near.links.posterior_, n_effective=worth), True
 
     def _baseline(self, friction: _core.Effect) -> tuple[Plan, LinkDynamicsIdentifier, FloatArray]:
         """Plan of the declared model, the baseline fitted to the runs, and its own columns among the plan's."""
@@ -180,7 +183,7 @@ class Loops:
         return any(is_of_load(effect.signals) for effect in self.plan.effects)
 
     def _fit_links(self, observations: Observations, again: bool) -> None:
-        """Second loop on these rows; what has been fitted to them afresh is not fitted afresh again."""
+        """Second loop on these rows; what has been fitted to them is not fitted to them again, unless it is to be."""
         if again or self._fresh is not observations:
             self.links.fit(observations, beside=self.beside(), again=again or self._near, **self._gains())
         self._fresh = None if again else observations

@@ -195,7 +195,7 @@ class ThreeLoopIdentifier(RunRegressor):
         Raises
         ------
         ValueError
-            A parameter that is none, something else than runs, or `near` with other joints or another torque unit.
+            A parameter that is none, something else than runs, or `near` of other joints, runs, gains or links.
         DataError
             Runs of another robot, mixed units, a joint that never moves, too little motion, a run that is there
             twice, a friction run without reversal.
@@ -357,9 +357,21 @@ class ThreeLoopIdentifier(RunRegressor):
 
 
 def _alike(near: ThreeLoopIdentifier, loops: Loops) -> Loops:
-    """The loops of an earlier fit, of the same joints in the same unit."""
+    """The loops of an earlier fit, where it is of the same joints and runs under the same prior."""
     check_is_fitted(near, "loops_")
-    theirs = near.loops_.robot.joint_names, near.torque_unit_
-    if theirs != (loops.robot.joint_names, loops.data.torque_unit):
-        raise ValueError("near is a fit with other joints or another torque unit; give one to the same runs, or none")
+    one, other = (
+        (
+            of.robot.joint_names,
+            of.data.torque_unit,
+            of.free_gains,
+            [states.name for states in of.data.runs],
+            (of.links.prior, of.links.weighting, of.links.believed),
+        )
+        for of in (near.loops_, loops)
+    )
+    if one != other:
+        raise ValueError(
+            "near is a fit of other joints, runs, free gains, links' options or another torque unit; give one that "
+            "differs in shapes or effects alone, or none"
+        )
     return near.loops_
