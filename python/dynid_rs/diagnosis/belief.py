@@ -254,11 +254,9 @@ class Belief:
         self.fit = self._refitted(friction)
         for _ in range(SETTLING):
             moved = self._follow_friction()
-            structure = self.structure()
-            beside = self.beside if structure else None  # it takes a while
-            for h in structure:
-                assert beside is not None
-                beside = beside.with_columns(h.columns)
+            beside: Beside | None = None  # it takes a while: only made where there is structure
+            for h in self.structure():
+                beside = (self.beside if beside is None else beside).with_columns(h.columns)
                 x = coefficients(h, h.columns, beside)
                 std = np.sqrt(np.diag(beside.best.covariance)[-len(h.unit) :]) * h.unit
                 moved = moved or bool(np.any(np.abs(x) > SETTLED * std))
