@@ -7,6 +7,8 @@ import platform
 import time
 from pathlib import Path
 
+from errors import LAW
+
 from dynid_rs import Recording, RobotModel, ThreeLoopIdentifier, TorqueModel
 from dynid_rs.runs.preprocessing import States
 
@@ -42,7 +44,7 @@ def identification(robot: RobotModel, run: Recording, repeats: int) -> Clock:
     clocks = []
     for _ in range(repeats):
         clock = Clock()
-        ThreeLoopIdentifier(robot).fit(run, on_progress=clock)
+        ThreeLoopIdentifier(robot, friction_law=LAW).fit(run, on_progress=clock)
         clock.stop()
         clocks.append(clock)
     return min(clocks, key=lambda clock: clock.total)

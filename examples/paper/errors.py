@@ -12,6 +12,8 @@ from dynid_rs.identification.results import score
 from dynid_rs.regression.evaluation import torque_std
 from dynid_rs.runs.preprocessing import States
 
+LAW = "paper"
+"""Friction's law, Eqs. 9-11; a fit without a friction experiment has another where none is asked for."""
 TRAINING = "training"
 WLS, FIRST, SECOND, THIRD = "WLS", "first loop", "second loop", "all loops"
 """Weighted least squares; its links with the first loop's friction; both loops; the full method."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import tables
 from clock import Clock
-from errors import Outcome, outcome_of
+from errors import LAW, Outcome, outcome_of
 
 from dynid_rs import FourierExcitation, FrictionIdentifier, Recording, ResidualCompensator, ThreeLoopIdentifier, _core
 from dynid_rs.excitation.friction_experiment import plan_friction_experiment
@@ -100,7 +100,7 @@ def identify(lab: Laboratory) -> dict[str, Outcome]:
     robot = lab.arm.robot
     outcomes = {}
     for name, options in METHODS.items():
-        identifier = ThreeLoopIdentifier(robot, **options).fit(lab.train)
+        identifier = ThreeLoopIdentifier(robot, friction_law=LAW, **options).fit(lab.train)
         outcomes[name] = outcome_of(identifier, lab.held_out)
     identifier = ThreeLoopIdentifier(robot).fit(lab.train, lab.friction)
     outcomes[WITH_FRICTION] = outcome_of(identifier, lab.held_out)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from errors import Outcome, outcome_of
+from errors import LAW, Outcome, outcome_of
 
 from dynid_rs import LinkDynamicsIdentifier, Recording, RobotModel, ThreeLoopIdentifier, _core, read_recording
 from dynid_rs.model.known import KnownTerm
@@ -55,13 +55,14 @@ def measured_robots(data: Path | None) -> list[Measured]:
         return found
     if (folder := data / UR10E).is_dir():
         robot = RobotModel.from_urdf(folder / "robot.urdf")
-        found.append(_identify(folder, UR10E_TRAIN, UR10E_TEST, ThreeLoopIdentifier(robot), "as is"))
+        found.append(_identify(folder, UR10E_TRAIN, UR10E_TEST, ThreeLoopIdentifier(robot, friction_law=LAW), "as is"))
     if (folder := data / KUKA).is_dir():
         file = folder / "robot.urdf"
-        plain = ThreeLoopIdentifier(RobotModel.from_urdf(file))
+        plain = ThreeLoopIdentifier(RobotModel.from_urdf(file), friction_law=LAW)
         found.append(_identify(folder, KUKA_TRAIN, KUKA_TEST, plain, "as is"))
         robot = RobotModel.from_urdf(file, rotor_inertia=(KUKA_ROTOR * KUKA_GEAR**2).tolist())
-        informed = ThreeLoopIdentifier(robot, links=LinkDynamicsIdentifier(prior="robot"), known=[counterbalance()])
+        links = LinkDynamicsIdentifier(prior="robot")
+        informed = ThreeLoopIdentifier(robot, links=links, known=[counterbalance()], friction_law=LAW)
         note = "the file's inertials as a prior, the authors' counterbalance as a known term"
         found.append(_identify(folder, KUKA_TRAIN, KUKA_TEST, informed, note))
     return found

@@ -41,7 +41,7 @@ def known_terms(path: Path | None, robot: Any) -> list[Any]:
     return list(read_terms(path, robot))
 
 
-def identifier_options(weighting: str, prior: str, cutoff: float | None, friction_law: str) -> dict[str, Any]:
+def identifier_options(weighting: str, prior: str, cutoff: float | None, friction_law: str | None) -> dict[str, Any]:
     """Arguments of `ThreeLoopIdentifier` for the first two loops.
 
     Raises
@@ -66,10 +66,10 @@ def identifier_options(weighting: str, prior: str, cutoff: float | None, frictio
         raise ValueError(
             "--prior robot is weighed against the noise, which --weighting none leaves out; choose another"
         )
-    if friction_law not in (*LAWS, "auto"):
+    if friction_law not in (None, *LAWS, "auto"):
         raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
     return {
-        "friction_law": "paper" if friction_law == "auto" else friction_law,
+        "friction_law": None if friction_law == "auto" else friction_law,
         "links": LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
         "cutoff": cutoff,
     }

@@ -49,7 +49,7 @@ class Job:
     prior: str = "auto"
     known: Path | None = None
     friction: tuple[Path, ...] = ()
-    friction_law: str = "paper"
+    friction_law: str | None = None
     residual: str = "auto"
     compensator: str = "mixture"
     cutoff: float | None = None
@@ -130,7 +130,7 @@ def _identifier(
     residual: str,
     compensator: str,
     cutoff: float | None,
-    friction_law: str,
+    friction_law: str | None,
 ) -> Any:
     from dynid_rs.commands._identifier import identifier_options
     from dynid_rs.identification.residual import METHODS, ResidualCompensator

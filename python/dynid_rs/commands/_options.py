@@ -43,8 +43,11 @@ Known = Annotated[
     Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
 ]
 FrictionLaw = Annotated[
-    str,
-    typer.Option(help="paper, smooth, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint"),
+    str | None,
+    typer.Option(
+        help="smooth, paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint. Left out: "
+        "smooth; paper with a friction experiment or without a prior"
+    ),
 ]
 Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]
 Memory = Annotated[

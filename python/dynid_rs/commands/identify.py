@@ -31,7 +31,7 @@ def identify(
     friction: Annotated[
         list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
     ] = None,
-    friction_law: _options.FrictionLaw = "paper",
+    friction_law: _options.FrictionLaw = None,
     residual: Annotated[
         str, typer.Option(help="Third loop on: auto, load_free_deflection, deflection, joint_state or none")
     ] = "auto",

@@ -22,7 +22,6 @@ LAWS = ("coulomb_viscous", "smooth", "stribeck", "paper")
 """From the fewest coefficients per joint to the most."""
 LAWS_BY_JOINT = tuple(law for law in LAWS if law != "smooth")
 """Those that joints of one model may have side by side."""
-DEFAULT_LAW = "paper"
 N_ORDERS_KEPT = 4
 """Coulomb and first viscous order, two directions each: what the simpler laws keep of friction's eight columns."""
 EXPONENTS = (1.0, 2.0)
@@ -51,6 +50,15 @@ def laws_per_joint(law: str | Sequence[str], n_joints: int) -> tuple[str, ...]:
     if len(laws) != n_joints:
         raise ValueError(f"friction_law must be one law or {n_joints}, one per joint; found {len(laws)}")
     return laws
+
+
+def usual_law(*, with_prior: bool, with_pairs: bool) -> str:
+    """Law of all joints where none is asked for.
+
+    "smooth": its shapes are as probable as the data make them beside all other unknowns, which takes the weak prior.
+    The pairs of a friction experiment decide a shape by themselves, the paper's; without a prior it is the paper's too.
+    """
+    return "smooth" if with_prior and not with_pairs else "paper"
 
 
 def with_laws(plan: Plan, laws: Sequence[str], stribeck_at: int | None = None) -> Plan:

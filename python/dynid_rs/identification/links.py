@@ -143,8 +143,7 @@ class LinkDynamicsIdentifier(Estimator):
         found = self.posterior_ if again and hasattr(self, "posterior_") else None
         self.posterior_: Posterior | None = None
         self.worth_ = np.ones(observations.plan.robot.n_joints)
-        stands_alone = self.weighting is None or self.ridge > 0
-        if self.prior == "robot" or (self.prior == "auto" and not stands_alone):
+        if self.has_prior:
             return self.use_posterior(
                 observations, self._posterior(observations, fit_scale, free, found, scale), beside
             )
@@ -182,6 +181,11 @@ class LinkDynamicsIdentifier(Estimator):
             x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
         return self._keep(plan, x)
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether a prior is weighed against the data."""
+        return self.prior == "robot" or (self.prior == "auto" and self.weighting is not None and self.ridge == 0)
 
     def _posterior(
         self,

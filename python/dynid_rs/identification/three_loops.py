@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.estimator import clone
 from dynid_rs.identification.friction import FrictionIdentifier
-from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
+from dynid_rs.identification.friction_laws import laws_per_joint, usual_law
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loads import link_torque
 from dynid_rs.identification.loops import Loops
@@ -81,8 +81,10 @@ class ThreeLoopIdentifier(RunRegressor):
         Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
     excluded : mapping of str to windows, optional
         Name of a run to the times (start, end) [s] in which something from outside acts: neither fitted nor scored.
-    friction_law : str or sequence of str
-        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
+    friction_law : str or sequence of str, optional
+        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint, or "smooth" for all,
+        which needs the weak prior. Left out: "smooth"; "paper" with a friction experiment, where `links` has no prior
+        and where `friction` is a search of the paper's shapes.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     standstill : bool
@@ -143,7 +145,7 @@ class ThreeLoopIdentifier(RunRegressor):
         encoder_error: FloatArray | None = None,
         torque_delay: Delay = 0.0,
         excluded: Excluded | None = None,
-        friction_law: str | Sequence[str] = DEFAULT_LAW,
+        friction_law: str | Sequence[str] | None = None,
         cutoff: float | None = None,
         standstill: bool = False,
         max_iter: int = 10,
@@ -217,7 +219,7 @@ class ThreeLoopIdentifier(RunRegressor):
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
-        laws_per_joint(self.friction_law, self.robot.n_joints)
+        laws = self._laws(with_pairs=friction_recording is not None)
         free_scales(self.robot.n_joints, False, self.free_gains)
         n = self.robot.n_joints
         if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
@@ -231,7 +233,7 @@ class ThreeLoopIdentifier(RunRegressor):
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            loops = self._loops(self._training_data(recordings, slow))
+            loops = self._loops(self._training_data(recordings, slow), laws)
             self._iterate(loops, None if near is None else _alike(near, loops), on_progress)
         self._keep(loops)
         return self
@@ -252,7 +254,7 @@ class ThreeLoopIdentifier(RunRegressor):
             on_progress(f"round {self.n_iter_}: residual")
             loops.fit_residual()
             self.history_.append(loops.left)
-            if not loops.third_loop_kept or self._settled():
+            if not loops.third_loop_takes or self._settled():
                 self.converged_ = True
                 return
         from sklearn.exceptions import ConvergenceWarning
@@ -272,7 +274,7 @@ class ThreeLoopIdentifier(RunRegressor):
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
 
-        The second loop is fitted again beside them: its terms depend on what the third one takes.
+        Where the third loop takes from the second, that is fitted again beside them.
         """
         check_is_fitted(self, "model_")
         if all(regression is None for regression in regressions):
@@ -282,6 +284,9 @@ class ThreeLoopIdentifier(RunRegressor):
             raise ValueError("the third loop was switched off; fit with a ResidualCompensator first")
         if list(regressions) == third.mixtures_:
             return self.model_
+        kept = (third.inputs_, list(regressions), third.compliance_)
+        if not third.takes:
+            return self.loops_.model(plan, self.links_, self.links_.own_, kept)
         loads = [link_torque(plan, self.links_, states) for states in self.runs_]
         torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
         observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
@@ -293,7 +298,6 @@ class ThreeLoopIdentifier(RunRegressor):
             beside=self.loops_.beside(),
             again=True,
         )
-        kept = (third.inputs_, list(regressions), third.compliance_)
         return self.loops_.model(plan, links, links.own_, kept)
 
     def parameter_covariance(self) -> FloatArray:
@@ -319,12 +323,21 @@ class ThreeLoopIdentifier(RunRegressor):
             standstill=self.standstill,
         )
 
-    def _loops(self, data: TrainingData) -> Loops:
+    def _laws(self, *, with_pairs: bool) -> tuple[str, ...]:
+        """Law of every joint, (n_joints,)."""
+        law = self.friction_law
+        if law is None:
+            links = LinkDynamicsIdentifier() if self.links is None else self.links
+            searches_another = isinstance(self.friction, FrictionIdentifier)
+            law = usual_law(with_prior=links.has_prior, with_pairs=with_pairs or searches_another)
+        return laws_per_joint(law, self.robot.n_joints)
+
+    def _loops(self, data: TrainingData, laws: tuple[str, ...]) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""
         friction: FrictionIdentifier | SmoothFrictionIdentifier
         if self.friction is not None:
             friction = clone(self.friction)
-        elif "smooth" in laws_per_joint(self.friction_law, self.robot.n_joints):
+        elif "smooth" in laws:
             friction = SmoothFrictionIdentifier()
         else:
             friction = FrictionIdentifier()
@@ -332,7 +345,6 @@ class ThreeLoopIdentifier(RunRegressor):
         residual = self.residual if isinstance(self.residual, ResidualCompensator) else None
         if self.residual == "default":
             residual = ResidualCompensator()
-        laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
         return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error)
 
