@@ -77,6 +77,21 @@ def test_a_change_of_structure_that_makes_the_data_less_probable_is_taken_back()
     assert belief.steps == []
 
 
+@pytest.mark.parametrize("together", [True, False])
+def test_of_a_pair_both_are_believed_or_none(together):
+    """Where the structure's half is refused the other stays alone only where it passed alone."""
+    belief = Belief.in_declared(Setup(ROBOT), measured())
+    at = {h.place: h for h in belief.hypotheses()}
+    spring = at["joint_spring", (ELBOW,)]
+    moved = replace(
+        at["encoder_eccentricity", (ELBOW,)], accept=lambda setup, x: added(setup, ELBOW, np.array([FAR, 0.0]))
+    )
+    belief.is_likelier_than = lambda before: False
+    found = accept(belief, [Named(moved, 10.0), Named(spring, 10.0)], set(), together=together)
+    kept = set() if together else {spring.place}
+    assert {named.hypothesis.place for named in found} == set(belief.named) == kept
+
+
 def test_a_clock_that_is_wrong_is_no_likelier():
     late = replace(Setup(ROBOT), torque_delay=0.1)
     belief = Belief.in_declared(Setup(ROBOT), measured())

@@ -85,7 +85,7 @@ def test_worse_is_worse_than_one_chance_in_six():
 def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():
     """Beside a hysteresis that friction's shapes do not know of yet, what is left looks like the next effect."""
     belief = Belief.in_declared(Setup(ROBOT), measured("friction_hysteresis:wrist:3"))
-    found = forward(belief)
+    found, _ = forward(belief)
     assert [named.hypothesis.place for named in found] == [("friction_hysteresis", (2,))]
 
 
@@ -95,8 +95,19 @@ def test_a_delay_of_a_part_of_a_sample_is_told():
     runs = recorded(arm, duration=12.0, n_runs=2, rate=50.0)
     late = [replace(run, tau=np.stack([np.interp(run.t - 0.001, run.t, x) for x in run.tau.T], axis=1)) for run in runs]
     belief = Belief.in_declared(Setup(ROBOT), late)
-    (named,) = forward(belief)
+    ((named,), _) = forward(belief)
     assert named.hypothesis.kind == "torque_delay"
+
+
+def test_what_is_asked_twice_beside_the_same_has_the_same_answer():
+    """A shape between those of the grid is sought once, and counts each time."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("stribeck:elbow:0.5", duration=8.0, n_runs=1))
+    open_ = belief.hypotheses()
+    first, again = (evidence(belief.beside, open_, belief.catalogue)[0] for _ in range(2))
+    assert belief.catalogue.finer
+    assert {place: value.value for place, value in first.items()} == {
+        place: value.value for place, value in again.items()
+    }
 
 
 @pytest.mark.parametrize("cycles", [5.0, 10.0])

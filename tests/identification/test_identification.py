@@ -177,7 +177,7 @@ def test_currents_give_the_ratio_of_the_drive_gains(robot, rigid_runs):
 
 
 def test_the_search_finds_frictions_width(robot, rigid_arm, rigid_runs):
-    identifier = ThreeLoopIdentifier(robot, residual=None).fit(list(rigid_runs))
+    identifier = ThreeLoopIdentifier(robot, friction_law="paper", residual=None).fit(list(rigid_runs))
     ratio = identifier.friction_.transition_width_ / np.asarray(rigid_arm.transition_width)
     assert np.all((ratio > 0.7) & (ratio < 1.4)), ratio
 
@@ -296,7 +296,7 @@ def test_offset_and_friction_of_both_directions_do_not_cancel_each_other():
     worst = {}
     for prior in ("auto", None):
         links = LinkDynamicsIdentifier(prior=prior)
-        identifier = ThreeLoopIdentifier(robot, links=links, residual=None).fit(runs)
+        identifier = ThreeLoopIdentifier(robot, links=links, friction_law="paper", residual=None).fit(runs)
         _, _, forwards, backwards = identifier.links_.own_.T[:4]
         worst[prior] = np.max(np.abs(forwards - backwards) / coulomb)
     assert worst["auto"] < 0.5, worst

@@ -59,10 +59,12 @@ def robot():
 @pytest.fixture(scope="module")
 def fitted(robot):
     """With the cylinder in the torque and known, and without either."""
-    known = ThreeLoopIdentifier(robot, known=[known_term()], residual=None)
+    known = ThreeLoopIdentifier(robot, known=[known_term()], friction_law="paper", residual=None)
     return (
         known.fit([recording_of(0), recording_of(1)]),
-        ThreeLoopIdentifier(robot, residual=None).fit([recording_of(0, False), recording_of(1, False)]),
+        ThreeLoopIdentifier(robot, friction_law="paper", residual=None).fit(
+            [recording_of(0, False), recording_of(1, False)]
+        ),
     )
 
 

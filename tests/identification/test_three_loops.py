@@ -43,12 +43,11 @@ def arm(gears: str = "typical"):
 
 
 @cache
-def study(seed: int, method: str = "mixture", inputs: str = "auto", gears: str = "typical"):
+def study(seed: int, method: str = "mixture", inputs: str = "auto", gears: str = "typical", law: str | None = None):
     """Four runs learned from, a fifth never fitted: (identifier, its States)."""
     runs = simulate(arm(gears), n_runs=5, seed=seed).recordings
-    identifier = ThreeLoopIdentifier(arm().robot, residual=ResidualCompensator(method=method, inputs=inputs)).fit(
-        list(runs[:-1])
-    )
+    residual = ResidualCompensator(method=method, inputs=inputs)
+    identifier = ThreeLoopIdentifier(arm().robot, friction_law=law, residual=residual).fit(list(runs[:-1]))
     return identifier, identifier.states(runs[-1])
 
 
@@ -85,17 +84,18 @@ def test_stiff_ideal_gears_refuse_the_third_loop(seed, method, gears):
     assert "residual" not in identifier.model_.term_names
 
 
+@pytest.mark.parametrize(("law", "most"), [("paper", 1.0), ("smooth", 1.03)])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_rigid_body_stays_the_rigid_body(seed):
+def test_the_rigid_body_stays_the_rigid_body(seed, law, most):
     """What the gear takes does not end up in the link parameters: their torque is no farther from the truth."""
-    identifier, states = study(seed)
+    identifier, states = study(seed, law=law)
     truth = arm().motion(simulate(arm(), n_runs=5, seed=seed).trajectories[-1], states.t).tau_link
 
     def error(model):
         return np.sqrt(np.mean(states.in_band(evaluate(model, states)[1][:, 0] - truth) ** 2, axis=0))
 
     ratio = error(identifier.model_) / error(identifier.two_loop_model_)
-    assert np.exp(np.mean(np.log(ratio))) < 1.0, ratio
+    assert np.exp(np.mean(np.log(ratio))) < most, ratio
 
 
 def test_compliance_is_that_of_the_gears():

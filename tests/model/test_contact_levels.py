@@ -115,18 +115,18 @@ def test_tails_are_those_of_normal_noise():
 
 
 @cache
-def identified():
+def identified(law=None):
     robot = dyn.RobotModel.from_urdf_string(small_arm.URDF)
     runs = []
     for k in range(small_arm.N_RUNS):
         columns = small_arm.run(k)
         q, tau = (np.stack([columns[f"{name}_{j}"] for j in range(3)], axis=1) for name in ("q", "tau"))
         runs.append(dyn.Recording(columns["t"], q, tau=tau, joints=small_arm.JOINTS))
-    return dyn.ThreeLoopIdentifier(robot).fit(runs), runs
+    return dyn.ThreeLoopIdentifier(robot, friction_law=law).fit(runs), runs
 
 
 def test_directions_tell_the_covariance_of_the_torque():
-    identifier, _ = identified()
+    identifier, _ = identified("paper")  # friction without a memory, which is taken as known
     directions = dyn.parameter_directions(identifier)
     assert np.all(directions.kept > 0.98)
     plan, covariance = identifier.observations_.plan, identifier.parameter_covariance()

@@ -166,7 +166,9 @@ def test_a_fit_that_knows_the_error_is_rid_of_it(robot, encoders):
         runs = [dyn.Recording(r.t, r.q, tau=r.tau, name=r.name, joints=r.joints) for r in runs]
 
     def left(encoder_error):
-        fit = dyn.ThreeLoopIdentifier(robot, residual=None, encoder_error=encoder_error).fit(list(runs))
+        fit = dyn.ThreeLoopIdentifier(robot, friction_law="paper", residual=None, encoder_error=encoder_error).fit(
+            list(runs)
+        )
         assert fit.model_.encoder_error_sides == ("both" if encoders == 1 and encoder_error is not None else "link")
         return fit.links_.noise_std_
 

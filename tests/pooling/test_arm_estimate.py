@@ -64,11 +64,12 @@ def test_friction_at_a_speed_is_the_model_s():
     identifier, arm = fitted(), estimate()
     model = identifier.model_
     for j, speed in ((0, 0.7), (1, 1.3), (2, 0.05)):
-        dq = np.zeros((2, 3))
-        dq[:, j] = speed, -speed
-        _, terms, _ = model.evaluate(np.zeros((2, 3)), dq, np.zeros((2, 3)))
-        at = {name: terms[:, k, j] for k, name in enumerate(model.term_names)}
-        forth, back = at["friction"] + at.get("torque_offset", 0.0)
+        q, dq = np.zeros((2, 200, 3)), np.zeros((2, 200, 3))
+        dq[:, :, j] = np.array([[speed], [-speed]])
+        q[:, :, j] = dq[:, :, j] * np.linspace(0, 0.2, 200)
+        ends = [model.evaluate(q[way], dq[way], np.zeros((200, 3)))[1][-1, :, j] for way in range(2)]
+        own = [k for k, name in enumerate(model.term_names) if "friction" in name or name == "torque_offset"]
+        forth, back = (float(sum(end[own])) for end in ends)
         level, offset = arm.friction_at(j, speed)
         assert level @ arm.x == pytest.approx(0.5 * (forth - back), rel=1e-9)
         assert offset @ arm.x == pytest.approx(0.5 * (forth + back), rel=1e-9)

@@ -106,7 +106,7 @@ def test_intervals_cover_the_whole_way(experiment):
         recordings = [
             Recording(s.t, s.q, s.dq, s.ddq, s.tau + rng.normal(size=s.tau.shape) * std, name=s.name) for s in runs
         ]
-        identifier = ThreeLoopIdentifier(plan.robot, residual=None).fit(recordings)
+        identifier = ThreeLoopIdentifier(plan.robot, friction_law="paper", residual=None).fit(recordings)
         covariance = parameter_covariance(identifier.observations_, identifier.links_, identifier.runs_)
         error = np.abs(identifier.links_.x_ - truth)
         inside.append((error <= NORMAL_95 * np.sqrt(np.diag(covariance)))[plan.estimable()])
@@ -128,7 +128,7 @@ def test_the_whole_way_without_noise_recovers_base_parameters(tmp_path):
     robot = RobotModel.from_urdf(bundled_robot())
     arm = replace(typical_arm(robot, noise=0.0).rigid(), delay=0.0)
     recordings = simulate(arm, n_runs=3, duration=20.0, rate=250.0, seed=3, derivatives=True).recordings
-    identifier = ThreeLoopIdentifier(robot).fit(recordings)
+    identifier = ThreeLoopIdentifier(robot, friction_law="paper").fit(recordings)
     plan = identifier.observations_.plan
     truth = true_unknowns(plan, arm)[: plan.n_base]
     assert np.max(np.abs(identifier.links_.phi_base_ - truth)) <= 1e-8 * np.max(np.abs(truth))

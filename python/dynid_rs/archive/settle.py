@@ -44,11 +44,11 @@ class Settled:
         simple, regroup = baseline(totals.observations("baseline"))
         first = LinkDynamicsIdentifier(prior=None).fit(simple, fit_scale=self._loops.data.in_ampere)
         self.observations = totals.observations("model")
-        self.links = links = self._fit(identifier, self.observations)
+        self.links = links = self._fit(identifier.links_, self.observations)
         two_loops, two_plan, kept = self.observations, plans["model"], None
         if reduction.third is not None:
             two_loops, two_plan, third = totals.observations("two_loops"), plans["two_loops"], reduction.third
-            links = self._fit(identifier, two_loops)
+            links = self._fit(self._loops.two_loops[1], two_loops)
             kept = (third.inputs_, third.mixtures_, third.compliance_)
         own, _ = own_beside(two_loops, first.phi_base_, first.torque_scale_)
         delay = reduction.encoder_delay
@@ -62,8 +62,8 @@ class Settled:
         factors = [_core.triangular_factor(np.ascontiguousarray(joint[:, :-1])) for joint in totals.joints("model")]
         self.covariance = covariance_of_products(plans["model"], self.links, factors, totals.noise_products())
 
-    def _fit(self, identifier: ThreeLoopIdentifier, observations: Observations) -> LinkDynamicsIdentifier:
-        links = copy(identifier.links_)
+    def _fit(self, sample: LinkDynamicsIdentifier, observations: Observations) -> LinkDynamicsIdentifier:
+        links = copy(sample)
         if links.posterior_ is not None:
             # How much a row counts shows in their order, which factors have lost: the sample's holds for all.
             links.posterior_ = replace(links.posterior_, n_effective=links.worth_ * observations.n_counted)

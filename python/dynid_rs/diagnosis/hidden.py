@@ -6,63 +6,64 @@ the rows are worth little, parts of the data tell each of them otherwise, and ne
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.holding import holds, shares
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.rivals import is_one_cause
-from dynid_rs.diagnosis.trials import Value, evidence
+from dynid_rs.diagnosis.trials import Asked, Value, evidence
 from dynid_rs.diagnosis.unexplained import lacks
 
 FloatArray = NDArray[np.float64]
 
 
-def hidden(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
-    """Two names that hide each other, or none; neither is of `never`.
+def hidden(belief: Belief, asked: Asked) -> list[Named]:
+    """Two names that hide each other, or none, where of what was `asked` beside what is believed nothing passed.
 
     A pair is at posterior odds of 19 to 1 among all pairs of kinds and places, for what the two say only together: what
     they say alone counts for nothing. Beside the other each has to hold as any name does, in its grid's shape.
     """
-    open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
-    log_places = float(np.log(belief.n_sought(open_)))
-    need = SURE + log_places
-    values, open_ = evidence(belief.beside, open_, belief.catalogue)
-    firsts = [value for value in values.values() if value.value > 0]
-    pairs = _pairs(belief, firsts, open_, need, need + log_places)
+    pairs = _pairs(belief, asked)
     for first, second in sorted(pairs, key=lambda pair: -pair[0].value - pair[1].value):
-        both = [_beside(belief, *pair, open_) for pair in ((first, second), (second, first))]
-        sure = all(value.value > need and holds(belief, at, value, rivals, need) for value, at, rivals in both)
-        if sure and not _stand_in(belief, both[0][0], both[1][0], log_places):
-            return [Named(value.hypothesis, value.value - log_places) for value, _, _ in both]
+        both = [_beside(belief, *pair, asked) for pair in ((first, second), (second, first))]
+        sure = all(
+            value.value > asked.need and holds(belief, at, value, rivals, asked.need) for value, at, rivals in both
+        )
+        if sure and not _stand_in(belief, both[0][0], both[1][0], asked.log_places):
+            return [Named(value.hypothesis, value.value - asked.log_places) for value, _, _ in both]
     return []
 
 
-def _pairs(
-    belief: Belief, firsts: Sequence[Value], open_: Sequence[Hypothesis], need: float, of_pair: float
-) -> list[tuple[Value, Value]]:
-    """Names and what they uncover on their joints: a second one that is worth `of_pair` more beside them than alone."""
+def _pairs(belief: Belief, asked: Asked) -> list[tuple[Value, Value]]:
+    """Names and what they uncover on their joints: a second one that says more beside them than alone."""
     beside, pairs = belief.beside, dict[frozenset[Place], tuple[Value, Value]]()
-    alone = np.maximum(_scores(beside, open_), 0.0)
-    for first in firsts:
+    alone = np.maximum(_scores(beside, asked.open_), 0.0)
+    for first in (value for value in asked.values.values() if value.value > 0):
         after = beside.with_columns(first.columns)
-        here = [k for k, h in enumerate(open_) if _may_hide(h, first.hypothesis)]
-        risen = _scores(after, [open_[k] for k in here]) - alone[:, here]
-        uncovered = [open_[here[int(np.argmax(row))]].place for row in risen if row.max(initial=0.0) > need]
-        for place in dict.fromkeys(uncovered):
+        here = [k for k, h in enumerate(asked.open_) if _may_hide(h, first.hypothesis)]
+        risen = _scores(after, [asked.open_[k] for k in here]) - alone[:, here]
+        best = [(asked.open_[here[int(np.argmax(row))]].place, float(row.max())) for row in risen if len(here)]
+        for place in dict.fromkeys(place for place, more in best if more > asked.need):
             if frozenset((first.hypothesis.place, place)) in pairs:
                 continue
-            found, _ = evidence(after, [h for h in open_ if h.place == place], belief.catalogue)
+            found, _ = evidence(after, [h for h in asked.open_ if h.place == place], belief.catalogue)
             for second in found.values():
-                if second.value - max(beside.evidence_for(second.hypothesis)[0], 0.0) > of_pair:
+                said = max(_said_alone(beside, asked, second), 0.0)
+                if second.value - said > asked.need + asked.log_places:
                     pairs[frozenset((first.hypothesis.place, place))] = first, second
     return list(pairs.values())
+
+
+def _said_alone(beside: Beside, asked: Asked, second: Value) -> float:
+    """What the second one of a pair says without the first, in this shape or in its best."""
+    place, own = second.hypothesis.place, beside.evidence_for(second.hypothesis)[0]
+    return max(own, asked.values[place].value) if place in asked.values else own
 
 
 def _scores(beside: Beside, hypotheses: Sequence[Hypothesis]) -> FloatArray:
@@ -92,10 +93,10 @@ def _stand_in(belief: Belief, one: Value, other: Value, log_places: float) -> bo
     return False
 
 
-def _beside(belief: Belief, one: Value, other: Value, open_: Sequence[Hypothesis]) -> tuple[Value, Beside, list[Value]]:
+def _beside(belief: Belief, one: Value, other: Value, asked: Asked) -> tuple[Value, Beside, list[Value]]:
     """A name beside another one: its evidence there, the model it is added to, and its rivals."""
     at = belief.beside.with_columns(other.columns)
-    here = [h for h in open_ if h.place != other.hypothesis.place and shares(h, one.hypothesis)]
+    here = [h for h in asked.open_ if h.place != other.hypothesis.place and shares(h, one.hypothesis)]
     values = evidence(at, here, belief.catalogue)[0]
     own = values.pop(one.hypothesis.place, replace(one, value=-np.inf))
     return own, at, [v for v in values.values() if not is_one_cause(own.hypothesis.kind, v.hypothesis.kind)]

@@ -50,6 +50,20 @@ class Value:
     columns: Columns
 
 
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What was asked beside one model: evidence by place, what may yet pass, and of how many places' logarithm."""
+
+    values: dict[Place, Value]
+    open_: list[Hypothesis]
+    log_places: float
+
+    @property
+    def need(self) -> float:
+        """Evidence of a name at posterior odds of 19 to 1."""
+        return SURE + self.log_places
+
+
 def evidence(
     beside: Beside, hypotheses: Sequence[Hypothesis], catalogue: Catalogue
 ) -> tuple[dict[Place, Value], list[Hypothesis]]:
@@ -87,9 +101,11 @@ def _averaged(
     value, columns = beside.evidence_for(hypotheses[best])
     averaged = Value(value + float(logsumexp(scores[at] - scores[best]) - np.log(len(at))), hypotheses[best], columns)
     place = hypotheses[best].place
-    if len(at) > 1 and HOPELESS < averaged.value < WITHIN_REACH and place not in catalogue.finer:
-        # A grid may miss a narrow best; one shape of so many is then its price.
-        finer = catalogue.finer.setdefault(place, polished(beside, catalogue, hypotheses[best]))
+    if len(at) > 1 and HOPELESS < averaged.value < WITHIN_REACH:
+        # A grid may miss a narrow best; one shape of so many is then its price. It is sought once, and asked again.
+        if place not in catalogue.finer:
+            catalogue.finer[place] = polished(beside, catalogue, hypotheses[best])
+        finer = catalogue.finer[place]
         value, columns = beside.evidence_for(finer)
         if value - float(np.log(len(at))) > averaged.value:
             return Value(value - float(np.log(len(at))), finer, columns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -57,8 +58,8 @@ class Loops:
         Training runs, link channel on the motor channel's clock, known terms taken off.
     plan, observations : Plan, Observations
         Columns with friction's shape so far, and their rows without the third loop's torque.
-    two_loop_plan : Plan
-        Columns with friction's shape before there was a third loop.
+    two_loops : (Plan, LinkDynamicsIdentifier)
+        Columns with friction's shape before there was a third loop, and the links fitted with them.
     left : dict
         RMS per joint (n_joints,) that each loop of this round leaves: `friction`, `links`, `residual`.
     stages : list of TorqueModel
@@ -174,7 +175,7 @@ class Loops:
         self._links_leave = block_residuals(self.observations, self.links.x_, self.links.torque_scale_)
         self.left["links"] = self.left["residual"] = rms(self._links_leave)
         if not again:
-            self.two_loop_plan = self.plan
+            self.two_loops = self.plan, copy(self.links)
             self.stages.append(self.model(self.plan, self.links, self.links.own_))
 
     @property

@@ -219,13 +219,13 @@ class ThreeLoopIdentifier(RunRegressor):
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
-        laws = self._laws(with_pairs=friction_recording is not None)
         free_scales(self.robot.n_joints, False, self.free_gains)
         n = self.robot.n_joints
         if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
             raise ValueError(f"encoder_error has shape {np.shape(self.encoder_error)}, expected ({n}, 2)")
         recordings = as_recordings(X, self.robot, self.config)
         slow = [] if friction_recording is None else as_recordings(friction_recording, self.robot, self.config)
+        laws = self._laws(with_pairs=bool(slow))
         check_training_runs(self.robot, recordings + slow)
         warn_of_damage(recordings + slow, self.robot)
         refuse_repeats(recordings, [])

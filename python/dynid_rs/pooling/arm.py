@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.identification.results import base_names
+from dynid_rs.identification.smooth_friction import sign_by_way
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.systems import stack
 from dynid_rs.regression.uncertainty import NORMAL_95
@@ -28,6 +29,8 @@ DIGITS = 9
 
 NO_INTERVAL = 1.0
 """Standard error of an error's logarithm where the runs are too short to say one: no arm is named for a factor of e."""
+BY_WAY = frozenset(sign_by_way(1).coefficient_names)
+"""Coefficients of friction whose sign is told by the way: at speed it is that of Coulomb's."""
 WORDS = ("name", "type", "kinematics", "torque_unit")
 TEXTS = ("joints", "links", "kinds", "names", "base_links", "base_units", "own_names")
 NUMBERS = ("x", "gain_response", "speed", "error", "torque_std", "error_spread")
@@ -120,7 +123,7 @@ class ArmEstimate:
     @property
     def friction_names(self) -> tuple[str, ...]:
         """Coefficients of one joint's friction."""
-        return tuple(self._friction.coefficient_names)
+        return (*self._friction.coefficient_names, *(BY_WAY & set(self.own_names)))
 
     @cached_property
     def _friction(self) -> _core.Effect:
@@ -138,7 +141,7 @@ class ArmEstimate:
         """Rows (p,) and (p,) that give of `x` the friction at a speed, and the constant torque there.
 
         Half the difference and half the sum of the torques at plus and minus `speed` [rad/s, m/s], all own
-        coefficients together; both are linear in `x`.
+        coefficients together, after a way that has turned every sign round; both are linear in `x`.
         """
         effect = self._friction
         dq = np.zeros((2, self.n_joints))
@@ -150,6 +153,9 @@ class ArmEstimate:
             if place is not None:
                 level[place] = 0.5 * (columns[0, k] - columns[1, k])
                 offset[place] = 0.5 * (columns[0, k] + columns[1, k])
+        for name in BY_WAY:
+            if (place := self.own(joint, name)) is not None:
+                level[place] = 1.0
         constant = self.own(joint, "torque_offset")
         if constant is not None:
             offset[constant] = 1.0

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.pooling.arm import BY_WAY
 from dynid_rs.pooling.hierarchy import WIDE
 from dynid_rs.pooling.type_pool import ALL_JOINTS, TypePool, with_all
 
@@ -132,7 +133,7 @@ def candidates(pool: TypePool, i: int, used: NDArray[np.bool_]) -> list[Candidat
         for name in arm.friction_names:
             place = arm.own(j, name)
             if place is not None:
-                friction[place, 0 if "coulomb" in name else 1] = pool.mean[place]
+                friction[place, 0 if "coulomb" in name or name in BY_WAY else 1] = pool.mean[place]
         found.append(Candidate("friction", joint, columns(friction)))
         for name in arm.own_names:
             place = arm.own(j, name)

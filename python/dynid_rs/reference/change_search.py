@@ -41,6 +41,8 @@ SURE = 0.01
 LARGE = {FRICTION: 0.3, GAIN: 0.03, TILT: 0.003, OFFSET: 0.3}
 """What is worth naming: friction and offset over the joint's friction torque (RMS), gain, tilt [rad]. Gain and tilt
 have to be larger by their whole 95 % interval: under a load all that the reference lacks grows, and looks like them."""
+REFERENCE_DATA = 1.0
+"""Rows that the reference is taken to be made of, over those of the runs: its own errors widen every interval."""
 TIE = 2.0
 """Left-out errors that differ by less than this times the difference's standard error tie."""
 MOST = 8
@@ -149,7 +151,8 @@ class ChangeSearch:
             x = weighing.solve(free, held)
             covariance = weighing.covariance(free, held)
             p_value = wald(x[free], covariance, np.isin(free, h.places))
-            margin = NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance)[np.searchsorted(free, h.places)], 0.0))
+            variance = (1 + 1 / REFERENCE_DATA) * np.diag(covariance)[np.searchsorted(free, h.places)]
+            margin = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
             if p_value < SURE / len(open_) and self._is_large(h, x, margin, weighing):
                 scored.append((score, h, p_value, power, h.added(self.believed, x[h.places], self.columns)))
         if not scored:

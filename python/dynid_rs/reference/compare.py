@@ -19,7 +19,7 @@ from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate, with_band
 from dynid_rs.model.curves import over_angle
-from dynid_rs.reference.change_search import ChangeSearch
+from dynid_rs.reference.change_search import REFERENCE_DATA, ChangeSearch
 from dynid_rs.reference.changes import PAYLOAD, Believed, Hypothesis
 from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import physical_payload
@@ -31,8 +31,6 @@ from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
-REFERENCE_DATA = 1.0
-"""Rows that the reference is taken to be made of, over those of the runs: its own errors widen every interval."""
 UNEXPLAINED = 1.5
 """Error over the reference's own from which a joint is said to hold something else."""
 

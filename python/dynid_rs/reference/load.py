@@ -13,9 +13,9 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.reference.change_search import ChangeSearch, wald
+from dynid_rs.reference.change_search import REFERENCE_DATA, ChangeSearch, wald
 from dynid_rs.reference.changes import PAYLOAD, Believed
-from dynid_rs.reference.compare import REFERENCE_DATA, check_runs
+from dynid_rs.reference.compare import check_runs
 from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import physical_payload, seen_directions
 from dynid_rs.regression.evaluation import rmse
