@@ -147,7 +147,7 @@ IDENTIFIED = SETS | {
 SLACK = 1.1
 """Another machine, another library of linear algebra: errors may be so many times those below."""
 REACHED: dict[str, Reached] = {
-    "ar5": Reached((0.010, 0.029, 0.041, 0.032, 0.150, 0.066, 0.085), 15, 0.34, 0.20),
+    "ar5": Reached((0.010, 0.029, 0.041, 0.032, 0.150, 0.066, 0.085), 16, 0.34, 0.20),
     "tx40": Reached((0.021, 0.034, 0.027, 0.063, 0.494, 0.246), 6, 1.02, 0.74),
     "ur10": Reached((0.050, 0.037, 0.036, 0.054, 0.108, 0.106), 3, 1.01, 0.59),
     "lwr": Reached((0.256, 0.013, 0.164, 0.031, 0.425, 0.393, 0.306), 8, 1.35, 0.36),
