@@ -62,7 +62,7 @@ class Reduction:
         kept = third is not None and bool(third.kept.any())
         plans = {"baseline": declared_plan(robot, friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH)))}
         if kept:
-            plans["two_loops"] = identifier.loops_.two_loops[0]
+            plans["two_loops"] = identifier.loops_.two_loops[0].plan
         plans["model"] = in_memory.observations.plan
         return Reduction(
             plans,

@@ -89,7 +89,7 @@ class Job:
         )
         from dynid_rs.model.inertials import inertial_findings
         from dynid_rs.runs.checks import is_damage
-        from dynid_rs.sensors import set_findings
+        from dynid_rs.sensors import channels_of, contacts_beside
 
         if self.physical:
             _check_physical()
@@ -110,13 +110,19 @@ class Job:
         given = read_given(
             runs, test, self.test_from, model, settings, memory=limit, cutoff=self.cutoff, say=say, work=work
         )
-        if given.archive is None and not any(is_damage(finding) for finding in given.findings):
+        sound = given.archive is None and not any(is_damage(finding) for finding in given.findings)
+        if sound:
             say("channels")
-            given.findings += set_findings(model, [*given.train, *given.test])
+            wrong = channels_of(model, [*given.train, *given.test])
+            given.findings += wrong
+            sound = not wrong
         if self.friction_law == "auto":
             say("comparing laws of friction")
             identifier.friction_law = chosen_laws(identifier, given.train, slow)
         identifier, learned_from, findings = _fit(identifier, given, slow, say)
+        if sound:
+            say("contacts")
+            given.findings += contacts_beside(identifier, given.train, given.test)
         bodies = _physical(identifier, say) if self.physical else None
         say("testing")
         said = [*inertial_findings(model, self.robot.name), *given.findings, *findings]

@@ -58,8 +58,8 @@ class Loops:
         Training runs, link channel on the motor channel's clock, known terms taken off.
     plan, observations : Plan, Observations
         Columns with friction's shape so far, and their rows without the third loop's torque.
-    two_loops : (Plan, LinkDynamicsIdentifier)
-        Columns with friction's shape before there was a third loop, and the links fitted with them.
+    two_loops : (Observations, LinkDynamicsIdentifier)
+        Rows of the columns with friction's shape before there was a third loop, and the links fitted to them.
     left : dict
         RMS per joint (n_joints,) that each loop of this round leaves: `friction`, `links`, `residual`.
     stages : list of TorqueModel
@@ -175,7 +175,7 @@ class Loops:
         self._links_leave = block_residuals(self.observations, self.links.x_, self.links.torque_scale_)
         self.left["links"] = self.left["residual"] = rms(self._links_leave)
         if not again:
-            self.two_loops = self.plan, copy(self.links)
+            self.two_loops = self.observations, copy(self.links)
             self.stages.append(self.model(self.plan, self.links, self.links.own_))
 
     @property
@@ -287,14 +287,17 @@ class Loops:
                 self._search_shape(observe(self.plan, self.runs).rows_with(torque), None)
 
     def _search_smooth_shape(self) -> None:
-        """Width and sharpness of a smooth law, beside links that were fitted with the shapes so far."""
+        """Width and sharpness of a smooth law, beside links that were fitted with the shapes so far.
+
+        Found once, in the first round; beside a third loop they only move.
+        """
         assert isinstance(self.friction, SmoothFrictionIdentifier)
         for step in range(SHAPE_ROUNDS):
             observations = self._without_third_loop()
             self._fit_links(observations, step > 0)
             if np.all(self.friction.held):
                 return
-            if step == 0 and self.friction.start is None:
+            if step == 0 and self.friction.start is None and len(self.stages) == 1:
                 self.friction.fit(observations, self.links, self.runs)
                 change = np.inf
             else:

@@ -271,6 +271,16 @@ class ThreeLoopIdentifier(RunRegressor):
         states = prepare(recording, self.band_, self.rate_, standstill=self.standstill)
         return without(states, (self.excluded or {}).get(recording.name, ()))
 
+    def without_third_loop(self) -> ThreeLoopIdentifier:
+        """Return the fit as it was before there was a third loop; itself where none is kept."""
+        check_is_fitted(self, "model_")
+        if self.residual_ is None or not self.residual_.kept.any():
+            return self
+        two = copy(self)
+        (two.observations_, two.links_), two.model_ = self.loops_.two_loops, self.two_loop_model_
+        two.residual_ = None
+        return two
+
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
 

@@ -1,7 +1,7 @@
 """Are channels what they are called, and was the arm left to itself? Asked before a model is believed.
 
-By every command that reads runs: `init` (channels), `inspect` and `identify` (`set_findings`), `diagnose`, which ends
-at a wrong channel and leaves contacts out.
+By every command that reads runs: `init` (channels), `inspect` (`set_findings`), `identify` (channels before the fit,
+`contacts_beside` it), `diagnose`, which ends at a wrong channel and leaves contacts out.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
 from dynid_rs.sensors.channels import channel_findings
-from dynid_rs.sensors.contact import SURE, Contact, find_contacts, windows_of
+from dynid_rs.sensors.contact import SURE, Contact, Lookout, find_contacts, windows_of
 from dynid_rs.sensors.messages import contact_findings
 
-__all__ = ["Contact", "channel_errors", "channels_of", "find_contacts", "set_findings", "windows_of"]
+__all__ = ["Contact", "channel_errors", "channels_of", "contacts_beside", "find_contacts", "set_findings", "windows_of"]
 
 STRONG = 2 * SURE
 """A contact is said without a diagnosis from this on: where nothing is left out, only what spoils a fit is of use."""
@@ -56,6 +56,18 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
         return []
     contacts = [contact for contact in find_contacts(fit, states) if contact.strength > STRONG]
     return contact_findings(contacts, runs, left_out=False)
+
+
+def contacts_beside(fit: ThreeLoopIdentifier, train: Sequence[Recording], test: Sequence[Recording]) -> list[Finding]:
+    """Contacts that a fit to the training runs shows in them, and in the test runs against what is usual in them.
+
+    A third loop that it has is left aside: it may hold what a contact looks like.
+    """
+    two = fit.without_third_loop()
+    learned, judged = ([two.states(recording) for recording in runs] for runs in (train, test))
+    lookout = Lookout(two, learned)
+    contacts = [c for c in (*lookout.learned, *lookout.judged(judged)) if c.strength > STRONG]
+    return contact_findings(contacts, [*train, *test], left_out=False)
 
 
 def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:

@@ -77,19 +77,37 @@ def find_contacts(
     judged : sequence of States, optional
         Runs to look at, channels as recorded; the training runs by default.
     """
-    usual = Usual(fit)
-    watches = [watch_run(fit, states, usual) for states in learned]
-    levels = [[_smooth(watch, length) for watch in watches] for length in LENGTHS]
-    pools = [_Pool.of(watches, level) for level in levels]
-    own = [_Burst.of(watch, [level[k] for level in levels], pools) for k, watch in enumerate(watches)]
-    sure = max(burst.strongest for burst in own) >= SURE
-    if judged is None:
-        return [contact for burst in own for contact in burst.contacts()] if sure else []
-    others = []
-    for states in judged:
-        watch = watch_run(fit, states, usual)
-        others.append(_Burst.of(watch, [_smooth(watch, length) for length in LENGTHS], pools, pooled=False))
-    return [contact for burst in others if sure or burst.strongest >= SURE for contact in burst.contacts()]
+    lookout = Lookout(fit, learned)
+    return lookout.learned if judged is None else lookout.judged(judged)
+
+
+class Lookout:
+    """What is usual in training runs, and what stands out of it: in them, and in runs that are only judged.
+
+    Parameters are those of `find_contacts`.
+    """
+
+    def __init__(self, fit: ThreeLoopIdentifier, learned: Sequence[States]) -> None:
+        self._fit, self._usual = fit, Usual(fit)
+        watches = [watch_run(fit, states, self._usual) for states in learned]
+        levels = [[_smooth(watch, length) for watch in watches] for length in LENGTHS]
+        self._pools = [_Pool.of(watches, level) for level in levels]
+        self._own = [_Burst.of(watch, [level[k] for level in levels], self._pools) for k, watch in enumerate(watches)]
+        self._sure = max(burst.strongest for burst in self._own) >= SURE
+
+    @property
+    def learned(self) -> list[Contact]:
+        """Bursts in the training runs."""
+        return [contact for burst in self._own for contact in burst.contacts()] if self._sure else []
+
+    def judged(self, runs: Sequence[States]) -> list[Contact]:
+        """Bursts in other runs, channels as recorded."""
+        others = []
+        for states in runs:
+            watch = watch_run(self._fit, states, self._usual)
+            levels = [_smooth(watch, length) for length in LENGTHS]
+            others.append(_Burst.of(watch, levels, self._pools, pooled=False))
+        return [contact for burst in others if self._sure or burst.strongest >= SURE for contact in burst.contacts()]
 
 
 @dataclass(frozen=True, eq=False)
