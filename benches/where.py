@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT / "benches"))
 STEPS = {
     "reading and checking runs": ["archive.runs:RunFile.read", "runs.readers.reading:count_parts"],
     "channels: is each what it is called": ["sensors:channels_of"],
-    "contacts": ["sensors.contact:find_contacts"],
+    "contacts": ["sensors.contact:find_contacts", "sensors:contacts_beside"],
     "whole fits: friction's shape": ["identification.loops:Loops.fit_friction"],
     "whole fits: links and all linear terms": ["identification.loops:Loops.fit_links"],
     "whole fits: third loop": ["identification.loops:Loops.fit_residual"],

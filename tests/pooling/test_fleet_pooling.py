@@ -156,7 +156,10 @@ def test_an_arm_of_another_form_is_left_alone():
     strange = replace(arms[0], torque_unit="A")
     fleet = Fleet().fit([strange, *arms[1:]])
     assert fleet.verdicts_["arm_0000"].odd is None
-    assert "not pooled: it has other joints, parameters or units" in fleet.verdicts_["arm_0000"].why[0]
+    assert (
+        "not pooled: it has other joints, parameters, units or another law of friction"
+        in fleet.verdicts_["arm_0000"].why[0]
+    )
     assert fleet.verdicts_["arm_0003"].odd
 
 

@@ -189,7 +189,7 @@ def _model_rows(states: States, reduction: Reduction) -> list[FloatArray]:
     """Rows ``[own | base | width_slope | torque less the third loop's]`` of every joint."""
     plan, links = reduction.plans["model"], reduction.links
     tau = states.tau
-    if reduction.third is not None and reduction.third.takes:
+    if reduction.third is not None:
         tau = tau - reduction.third.torque(states, link_torque(plan, links, states))
     rows = run_rows(plan, _loaded(states, plan, reduction), tau)
     joints = []

@@ -24,6 +24,7 @@ STEPS = (
     Step(3, "reading"),
     Step(4, "channels", "comparing laws of friction"),
     Step(5, "filtering the runs", "weighted least squares", "round ", "sample", "reducing"),
+    Step(1, "contacts"),
     Step(1, "physically consistent parameters"),
     Step(2, "testing"),
 )

@@ -45,8 +45,8 @@ Known = Annotated[
 FrictionLaw = Annotated[
     str | None,
     typer.Option(
-        help="smooth, paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint. Left out: "
-        "smooth; paper with a friction experiment or without a prior"
+        help="smooth, paper, coulomb_viscous, stribeck, or auto: of the last three by a training run left out, joint "
+        "by joint. Left out: smooth; paper with a friction experiment or without a prior"
     ),
 ]
 Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]

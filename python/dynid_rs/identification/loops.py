@@ -97,9 +97,9 @@ class Loops:
         self._near = False  # whether the prior and what samples are worth come from an earlier fit
 
     @property
-    def third_loop_takes(self) -> bool:
-        """Whether some joint has a third loop that takes from the others: another round can change something."""
-        return self.residual is not None and self.residual.takes and bool(self.residual.kept.any())
+    def third_loop_kept(self) -> bool:
+        """Whether some joint has a third loop, so that another round can change something."""
+        return self.residual is not None and bool(self.residual.kept.any())
 
     def start(self, near: Loops | None = None) -> None:
         """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs.
@@ -206,11 +206,11 @@ class Loops:
             self.residual.fit(self.runs, left, tau_link=tau_link, columns=columns)
         else:
             self.residual.refit(self.runs, left, tau_link=tau_link)
-        torque = [self.residual.torque(s, load) for s, load in zip(self.runs, tau_link, strict=True)]
-        if self.residual.takes:
-            self._third_loop = torque
+        self._third_loop = [self.residual.torque(s, load) for s, load in zip(self.runs, tau_link, strict=True)]
         self._changed = np.flatnonzero(self.residual.kept).tolist()
-        self.left["residual"] = rms([e - s.in_band(u) for e, s, u in zip(left, self.runs, torque, strict=True)])
+        self.left["residual"] = rms(
+            [e - s.in_band(u) for e, s, u in zip(left, self.runs, self._third_loop, strict=True)]
+        )
 
     def beside(self) -> list[RowGroup]:
         """Rows of the friction experiment that stand beside the training runs'."""

@@ -188,15 +188,6 @@ class ResidualCompensator(Estimator):
         return tau
 
     @property
-    def takes(self) -> bool:
-        """Whether what it explains is taken off the torque before friction and links are fitted again (Eq. 26).
-
-        On the joint state it is not: position and speed are what rigid body and friction are made of, and joints share
-        the links, so that what one joint's third loop took would change the others.
-        """
-        return self.inputs_ != "joint_state"
-
-    @property
     def kept(self) -> NDArray[np.bool_]:
         """(n_joints,) where the third loop pays."""
         return np.array([regression is not None for regression in self.mixtures_])

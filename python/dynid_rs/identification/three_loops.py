@@ -58,7 +58,7 @@ class ThreeLoopIdentifier(RunRegressor):
     ----------
     robot : RobotModel
         Kinematics and gravity.
-    friction : FrictionIdentifier, optional
+    friction : FrictionIdentifier or SmoothFrictionIdentifier, optional
         First loop.
     links : LinkDynamicsIdentifier, optional
         Second loop.
@@ -83,8 +83,8 @@ class ThreeLoopIdentifier(RunRegressor):
         Name of a run to the times (start, end) [s] in which something from outside acts: neither fitted nor scored.
     friction_law : str or sequence of str, optional
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint, or "smooth" for all,
-        which needs the weak prior. Left out: "smooth"; "paper" with a friction experiment, where `links` has no prior
-        and where `friction` is a search of the paper's shapes.
+        which needs the weak prior. Left out: what `friction` searches; without one "smooth", and "paper" with a
+        friction experiment and where `links` has no prior.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     standstill : bool
@@ -135,7 +135,7 @@ class ThreeLoopIdentifier(RunRegressor):
         self,
         robot: _core.RobotModel,
         *,
-        friction: FrictionIdentifier | None = None,
+        friction: FrictionIdentifier | SmoothFrictionIdentifier | None = None,
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
@@ -254,7 +254,7 @@ class ThreeLoopIdentifier(RunRegressor):
             on_progress(f"round {self.n_iter_}: residual")
             loops.fit_residual()
             self.history_.append(loops.left)
-            if not loops.third_loop_takes or self._settled():
+            if not loops.third_loop_kept or self._settled():
                 self.converged_ = True
                 return
         from sklearn.exceptions import ConvergenceWarning
@@ -272,19 +272,19 @@ class ThreeLoopIdentifier(RunRegressor):
         return without(states, (self.excluded or {}).get(recording.name, ()))
 
     def without_third_loop(self) -> ThreeLoopIdentifier:
-        """Return the fit as it was before there was a third loop; itself where none is kept."""
+        """Return the fit to runs in memory as it was before there was a third loop; itself where none is kept."""
         check_is_fitted(self, "model_")
         if self.residual_ is None or not self.residual_.kept.any():
             return self
         two = copy(self)
         (two.observations_, two.links_), two.model_ = self.loops_.two_loops, self.two_loop_model_
-        two.residual_ = None
+        two.residual_, two._covariance = None, None
         return two
 
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
 
-        Where the third loop takes from the second, that is fitted again beside them.
+        The second loop is fitted again beside them: its terms depend on what the third one takes.
         """
         check_is_fitted(self, "model_")
         if all(regression is None for regression in regressions):
@@ -295,8 +295,6 @@ class ThreeLoopIdentifier(RunRegressor):
         if list(regressions) == third.mixtures_:
             return self.model_
         kept = (third.inputs_, list(regressions), third.compliance_)
-        if not third.takes:
-            return self.loops_.model(plan, self.links_, self.links_.own_, kept)
         loads = [link_torque(plan, self.links_, states) for states in self.runs_]
         torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
         observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
@@ -336,11 +334,19 @@ class ThreeLoopIdentifier(RunRegressor):
     def _laws(self, *, with_pairs: bool) -> tuple[str, ...]:
         """Law of every joint, (n_joints,)."""
         law = self.friction_law
+        given = "smooth" if isinstance(self.friction, SmoothFrictionIdentifier) else "paper"
+        if law is None and self.friction is not None:
+            law = given
         if law is None:
             links = LinkDynamicsIdentifier() if self.links is None else self.links
-            searches_another = isinstance(self.friction, FrictionIdentifier)
-            law = usual_law(with_prior=links.has_prior, with_pairs=with_pairs or searches_another)
-        return laws_per_joint(law, self.robot.n_joints)
+            law = usual_law(with_prior=links.has_prior, with_pairs=with_pairs)
+        laws = laws_per_joint(law, self.robot.n_joints)
+        if self.friction is not None and ("smooth" in laws) != (given == "smooth"):
+            raise ValueError(
+                f"friction is a {type(self.friction).__name__}, which does not search shapes of friction_law {law!r}; "
+                "leave one of the two out"
+            )
+        return laws
 
     def _loops(self, data: TrainingData, laws: tuple[str, ...]) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""

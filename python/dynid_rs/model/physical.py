@@ -288,24 +288,38 @@ def _least_squares(columns: FloatArray, right: FloatArray) -> FloatArray:
     return x
 
 
+WAY, N_STEPS = 0.1, 50
+"""Way [rad, m] before friction at a speed is read, ten times what bristles of gears bend, and its steps."""
+
+
+def _friction_on_the_way(model: _core.TorqueModel, j: int, speed: FloatArray, places: list[int]) -> FloatArray:
+    """Friction (n_speeds,) of joint j at `speed`, all of one sign, after a way in that direction."""
+    n, n_states = model.robot.n_joints, N_STEPS + len(speed)
+    q, dq = np.tile(np.mean(model.domain[0], axis=1), (n_states, 1)), np.zeros((n_states, n))
+    q[:, j] += np.sign(speed[0]) * WAY * (np.arange(n_states) / N_STEPS - 1)
+    dq[:, j] = np.concatenate([np.full(N_STEPS, speed[0]), speed])
+    friction: FloatArray = model.evaluate(q, dq, np.zeros_like(dq))[1][N_STEPS:, places, j].sum(axis=1)
+    return friction
+
+
 def coulomb_viscous(model: _core.TorqueModel) -> tuple[FloatArray, FloatArray]:
     """Viscous and Coulomb coefficient (n_joints,) nearest to the model's friction over the speeds that it has seen.
 
     Of the odd part of every friction term (forwards minus backwards), least squares over 50 speeds per joint, neither
-    coefficient below zero: what `<dynamics damping friction>` of a URDF can hold.
+    coefficient below zero: what `<dynamics damping friction>` of a URDF can hold. Each speed is held for a way on which
+    friction that remembers turns round.
     """
     from scipy.optimize import nnls
 
     n = model.robot.n_joints
-    limits, fastest = model.domain[0], np.asarray(model.domain[1])
+    fastest = np.asarray(model.domain[1])
     grid = (np.arange(50) + 0.5) / 50
     places = [k for k, name in enumerate(model.term_names) if "friction" in name]
     result = np.zeros((n, 2))
     for j in range(n):
         if fastest[j] <= 0:
             continue
-        q, dq, zero = np.tile(np.mean(limits, axis=1), (50, 1)), np.zeros((50, n)), np.zeros((50, n))
-        dq[:, j] = fastest[j] * grid
-        forwards, backwards = (model.evaluate(q, side, zero)[1][:, places, j].sum(axis=1) for side in (dq, -dq))
-        result[j] = nnls(np.column_stack([dq[:, j], np.ones(50)]), 0.5 * (forwards - backwards))[0]
+        speed = fastest[j] * grid
+        forwards, backwards = (_friction_on_the_way(model, j, sign * speed, places) for sign in (1, -1))
+        result[j] = nnls(np.column_stack([speed, np.ones(50)]), 0.5 * (forwards - backwards))[0]
     return result[:, 0], result[:, 1]

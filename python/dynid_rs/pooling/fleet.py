@@ -205,6 +205,7 @@ def _grouped(arms: Sequence[ArmEstimate]) -> tuple[dict[str, list[ArmEstimate]],
         forms = [arm.form for arm in members]
         usual = max(forms, key=forms.count) if len(set(forms)) > 1 else forms[0]
         groups[name] = [arm for arm, form in zip(members, forms, strict=True) if form == usual]
-        reason = f"not pooled: it has other joints, parameters or units than most arms of the type {name}"
+        another = "other joints, parameters, units or another law of friction"
+        reason = f"not pooled: it has {another} than most arms of the type {name}"
         alone += [(arm, reason) for arm, form in zip(members, forms, strict=True) if form != usual]
     return groups, alone

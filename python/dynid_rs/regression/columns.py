@@ -1,7 +1,7 @@
 """Columns of the declared model, run by run: filtered rows and triangular factors, one set per joint.
 
 Rows of joint j are ``[own columns | base columns of the links it moves | torque]`` (Eq. 2, one joint). Own columns are
-those of the effects: rotor inertia, torque offset, friction (Eqs. 9-11), and whatever was added to them.
+those of the effects: rotor inertia, torque offset, friction (Eqs. 9-11, or the smooth law), and whatever was added.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Plan:
 
     @property
     def friction(self) -> tuple[_core.Effect, slice]:
-        """The paper's friction among the effects, and its places among the own columns."""
+        """The law of friction among the effects, and its places among the own columns."""
         edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)])
         at = next(k for k, effect in enumerate(self.effects) if effect.kind in FRICTION)
         return self.effects[at], slice(int(edges[at]), int(edges[at + 1]))

@@ -188,15 +188,16 @@ def delay_table(result: Result, delay: Result) -> str:
 
 
 def shape_table(shapes: Sequence[Result]) -> str:
-    """Where friction turns from one direction to the other."""
+    """Where friction turns from one direction to the other; thresholds where the law has some."""
+    thresholds = any(s.get("velocity_threshold") for s in shapes)
     rows = [
         [
             esc(s["joint"]),
-            cell(significant(s.get("velocity_threshold"))),
+            *([cell(significant(s.get("velocity_threshold")))] if thresholds else []),
             cell(significant(s.get("transition_width"))),
             esc(unit_text(s.get("unit"))),
         ]
         for s in shapes
     ]
-    head = ["Joint", "Velocity threshold", "Transition width", "Unit"]
+    head = ["Joint", *(["Velocity threshold"] if thresholds else []), "Transition width", "Unit"]
     return table(head, rows, label="Shape of friction")
