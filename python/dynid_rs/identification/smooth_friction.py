@@ -42,6 +42,9 @@ USUAL_WIDTH, SPREAD = 0.003, 1.0
 """Usual width over the greatest speed, and the spread of its logarithm: what is wide is a curve of friction too."""
 AT_ONCE = 8
 """Shapes whose columns are built in one pass over the runs; more would only take more memory."""
+DIGITS = 9
+"""Of a shape that are kept. What another library of linear algebra rounds otherwise would come back a hundredfold from
+each step on the shapes; nobody knows one to a hundredth."""
 HALF_UP = float(np.log(3.0) / 2)
 """Speed over its width at which a hyperbolic tangent is half up."""
 LONGEST, SHARPEST = 1.0, 10.0
@@ -158,8 +161,13 @@ class SmoothFrictionIdentifier(Estimator):
         return [tries[j][k] for j, k in enumerate(np.argmax(values - doubts, axis=1).tolist())]
 
     def _keep(self, width: FloatArray, sharpness: FloatArray) -> None:
-        self.transition_width_, self.sharpness_ = width, sharpness
-        self.effect_ = smooth(width, sharpness)
+        self.transition_width_, self.sharpness_ = _to_digits(width), _to_digits(sharpness)
+        self.effect_ = smooth(self.transition_width_, self.sharpness_)
+
+
+def _to_digits(x: FloatArray) -> FloatArray:
+    """Numbers to `DIGITS` digits."""
+    return np.array([float(f"{value:.{DIGITS}g}") for value in x])
 
 
 def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:

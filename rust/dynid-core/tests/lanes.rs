@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use dynid_core::lanes::{exp, expm1, run_on, sin_cos, tanh, Kernel, Lanes, Path, MOST_LANES};
+use dynid_core::lanes::{exp, expm1, ln, run_on, sin_cos, tanh, Kernel, Lanes, Path, MOST_LANES};
 
 /// One function over a slice, in rows or number by number.
 struct Map<'a> {
@@ -18,6 +18,7 @@ enum Function {
     Exp,
     Expm1,
     Tanh,
+    Ln,
     Sqrt,
     Fused,
 }
@@ -31,6 +32,7 @@ impl Function {
             Self::Exp => exp(x),
             Self::Expm1 => expm1(x),
             Self::Tanh => tanh(x),
+            Self::Ln => ln(x),
             Self::Sqrt => x.sqrt(),
             Self::Fused => x.mul_add(x, x).mul_sub_from(x, x),
         }
@@ -43,6 +45,7 @@ impl Function {
             Self::Exp => x.exp(),
             Self::Expm1 => x.exp_m1(),
             Self::Tanh => x.tanh(),
+            Self::Ln => x.ln(),
             Self::Sqrt => x.sqrt(),
             Self::Fused => f64::NAN,
         }
@@ -151,6 +154,60 @@ fn functions_are_as_the_library_has_them() {
     }
 }
 
+#[test]
+fn logarithms_are_as_the_library_has_them() {
+    let x: Vec<f64> = arguments(1.5)
+        .into_iter()
+        .map(f64::abs)
+        .chain(arguments(700.0).into_iter().map(f64::exp))
+        .collect();
+    for path in paths() {
+        let (steps, at) = worst(path, Function::Ln, &x);
+        println!("{:8} Ln: {steps} steps at {at:e}", path.name());
+        assert!(steps <= 2, "{}: {steps} steps at {at:e}", path.name());
+    }
+}
+
+#[test]
+fn a_logarithm_ends_at_the_least_normal_number() {
+    let ends = [
+        0.0,
+        -0.0,
+        -1.0,
+        5e-324,
+        f64::MIN_POSITIVE,
+        1.0,
+        2.0,
+        f64::MAX,
+    ];
+    let none = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+    for path in paths() {
+        let least = f64::MIN_POSITIVE.ln();
+        let expected = [
+            least,
+            least,
+            least,
+            least,
+            least,
+            0.0,
+            2f64.ln(),
+            f64::MAX.ln(),
+        ];
+        assert_eq!(
+            on(path, Function::Ln, true, &ends),
+            expected,
+            "{}",
+            path.name()
+        );
+        let found = on(path, Function::Ln, false, &none);
+        assert!(
+            found.iter().all(|x| x.is_nan()),
+            "{}: {found:?}",
+            path.name()
+        );
+    }
+}
+
 /// Near multiples of pi/2 every leading digit cancels; values from the digits of pi (mpmath, 40 digits).
 #[test]
 fn sines_near_their_zeros_have_all_their_digits() {
@@ -215,13 +272,13 @@ fn the_ends_of_the_numbers() {
 /// A row of any width and a single number give the same bits; processors differ only by fusing.
 #[test]
 fn rows_and_single_numbers_are_the_same_bits() {
-    use Function::{Cos, Exp, Expm1, Fused, Sin, Sqrt, Tanh};
+    use Function::{Cos, Exp, Expm1, Fused, Ln, Sin, Sqrt, Tanh};
     let x: Vec<f64> = arguments(50.0)
         .into_iter()
         .step_by(7)
         .take(8 * 8000)
         .collect();
-    for function in [Sin, Cos, Exp, Expm1, Tanh, Sqrt, Fused] {
+    for function in [Sin, Cos, Exp, Expm1, Tanh, Ln, Sqrt, Fused] {
         let bits = |path, rows| -> Vec<u64> {
             on(path, function, rows, &x)
                 .into_iter()

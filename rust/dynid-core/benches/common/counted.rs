@@ -156,6 +156,10 @@ impl Lanes for Counted {
         bits(self.0.to_bits() << N)
     }
 
+    fn shift_right<const N: i32>(self) -> Self {
+        bits(self.0.to_bits() >> N)
+    }
+
     fn and(self, mask: Self) -> Self {
         bits(self.0.to_bits() & mask.0.to_bits())
     }

@@ -293,16 +293,23 @@ impl Effect {
         );
     }
 
-    /// [`Self::columns_into`] of the paper's friction at a row of motor speeds of joint `j`, to the same bits; `None` for
-    /// other effects.
+    /// [`Self::columns_into`] of a law of friction, the paper's or the smooth one, at a row of motor speeds of joint `j`, to
+    /// the same bits, and zeros after them; `None` for other effects.
     #[inline(always)]
     pub fn friction_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<[L; N_FRICTION]> {
-        let shape = self.shape.get(2 * j..2 * j + 2)?;
-        if self.kind() != friction::KIND {
+        let own = self.shape.get(2 * j..2 * j + 2)?;
+        let [first, second] = [L::splat(own[0]), L::splat(own[1])];
+        if self.kind() == friction::KIND {
+            return Some(friction::friction_row(dq_motor, first, second));
+        }
+        if self.kind() != smooth_friction::KIND {
             return None;
         }
-        let [lambda, eps] = [L::splat(shape[0]), L::splat(shape[1])];
-        Some(friction::friction_row(dq_motor, lambda, eps))
+        let mut row = [L::splat(0.0); N_FRICTION];
+        row.iter_mut()
+            .zip(smooth_friction::smooth_row(dq_motor, first, second))
+            .for_each(|(to, column)| *to = column);
+        Some(row)
     }
 
     /// # Errors
@@ -355,8 +362,16 @@ fn check_row(
 pub struct EffectTerm {
     effect: Effect,
     coefficients: Vec<f64>,
-    /// Of friction, which every model has: the same numbers with joints in lanes. Empty for other effects.
-    lanes: Vec<f64>,
+    in_lanes: InLanes,
+}
+
+/// Laws of friction, one of which every model has: shapes and coefficients once more, with joints in lanes.
+#[derive(Clone, Debug, PartialEq)]
+enum InLanes {
+    Paper(Vec<f64>),
+    Smooth(Vec<f64>),
+    /// Any other effect.
+    None,
 }
 
 impl EffectTerm {
@@ -370,15 +385,17 @@ impl EffectTerm {
         if !coefficients.iter().all(|x| x.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
         }
-        let lanes = if effect.kind() == friction::KIND {
-            friction::padded(&effect.shape, &coefficients)
-        } else {
-            Vec::new()
+        let in_lanes = match effect.kind() {
+            friction::KIND => InLanes::Paper(friction::padded(&effect.shape, &coefficients)),
+            smooth_friction::KIND => {
+                InLanes::Smooth(smooth_friction::padded(&effect.shape, &coefficients))
+            }
+            _ => InLanes::None,
         };
         Ok(Self {
             effect,
             coefficients,
-            lanes,
+            in_lanes,
         })
     }
 
@@ -419,15 +436,16 @@ impl EffectTerm {
         memory: &mut [f64],
         tau: &mut [f64],
     ) {
-        if self.lanes.is_empty() {
-            return self.joint_by_joint(input, memory, tau);
+        let dq = input.state.dq_motor;
+        match &self.in_lanes {
+            InLanes::Paper(numbers) => {
+                lanes::Kernel::run::<S, L>(friction::FrictionTorque { numbers, dq, tau });
+            }
+            InLanes::Smooth(numbers) => {
+                lanes::Kernel::run::<S, L>(smooth_friction::SmoothTorque { numbers, dq, tau });
+            }
+            InLanes::None => self.joint_by_joint(input, memory, tau),
         }
-        let torque = friction::FrictionTorque {
-            numbers: &self.lanes,
-            dq: input.state.dq_motor,
-            tau,
-        };
-        lanes::Kernel::run::<S, L>(torque);
     }
 
     #[inline(never)]

@@ -5,7 +5,8 @@
 
 use super::friction::direction;
 use super::EffectInput;
-use crate::slices::{at, first, put};
+use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
+use crate::slices::{at, first, put, tail};
 
 /// Name in files and reports.
 pub(crate) const KIND: &str = "smooth_friction";
@@ -13,19 +14,89 @@ pub(crate) const KIND: &str = "smooth_friction";
 /// Columns that jump at standstill where the transition is narrow: `s` and `|s|`. The others are zero there.
 pub(crate) const N_SIGN: usize = 2;
 
+/// Columns per joint.
+const N_COLUMNS: usize = 6;
+
 /// The sign of `v`, rounded over the width `e` with the sharpness `p`.
 ///
 /// Finite for every finite `v`: a power is only ever taken of what is at most one.
 #[must_use]
 pub fn rounded_sign(v: f64, e: f64, p: f64) -> f64 {
-    let size = v.abs();
-    let part = if size < e {
-        let part = size / e;
-        part * (1.0 + part.powf(p)).powf(-1.0 / p)
-    } else {
-        (1.0 + (e / size).powf(p)).powf(-1.0 / p)
-    };
-    part.copysign(v)
+    struct One([f64; 3]);
+
+    impl Kernel for One {
+        type Output = f64;
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> f64 {
+            let [v, e, p] = self.0.map(S::splat);
+            let [sign] = sign_row(v, e, p).raw();
+            sign
+        }
+    }
+
+    lanes::run_narrow(One([v, e, p]))
+}
+
+/// [`rounded_sign`] of a row of speeds.
+#[inline(always)]
+fn sign_row<L: Lanes>(v: L, e: L, p: L) -> L {
+    let (size, one) = (v.abs(), L::splat(1.0));
+    let ratio = size.at_most(e) / size.at_least(e);
+    let power = lanes::exp(p * lanes::ln(ratio));
+    let part = lanes::exp(-(lanes::ln(one + power) / p));
+    (part * size.if_less(e, ratio, one)).xor(v.sign())
+}
+
+/// The columns of a row of speeds.
+#[inline(always)]
+pub(super) fn smooth_row<L: Lanes>(v: L, e: L, p: L) -> [L; N_COLUMNS] {
+    let (s, size) = (sign_row(v, e, p), v.abs());
+    [s, s.abs(), v, size, v * size, v * v]
+}
+
+/// Friction torque of all joints, in lanes.
+pub(super) struct SmoothTorque<'a> {
+    /// e, p and the six coefficients, each padded to whole rows: see [`padded`].
+    pub numbers: &'a [f64],
+    pub dq: &'a [f64],
+    pub tau: &'a mut [f64],
+}
+
+/// Shapes (e, p) and coefficients (six) of every joint, turned over so that joints stand side by side.
+pub(super) fn padded(shape: &[f64], coefficients: &[f64]) -> Vec<f64> {
+    let n = shape.len() / 2;
+    let width = n.next_multiple_of(MOST_LANES);
+    let mut numbers = vec![0.0; (2 + N_COLUMNS) * width];
+    numbers[..2 * width].fill(1.0); // e and p of lanes without a joint
+    for j in 0..n {
+        let own = shape[2 * j..2 * j + 2]
+            .iter()
+            .chain(&coefficients[N_COLUMNS * j..N_COLUMNS * (j + 1)]);
+        for (k, x) in own.enumerate() {
+            numbers[k * width + j] = *x;
+        }
+    }
+    numbers
+}
+
+impl Kernel for SmoothTorque<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let width = self.dq.len().next_multiple_of(MOST_LANES);
+        let rows = self.dq.chunks(L::LEN).zip(self.tau.chunks_mut(L::LEN));
+        for (k, (dq, tau)) in rows.enumerate() {
+            let own = tail(self.numbers, k * L::LEN);
+            let columns = smooth_row(L::load_some(dq), L::load(own), L::load(tail(own, width)));
+            let mut sum = L::splat(0.0);
+            for (k, column) in columns.into_iter().enumerate() {
+                sum = sum + column * L::load(tail(own, (2 + k) * width));
+            }
+            sum.store_some(tau);
+        }
+    }
 }
 
 /// The sign of `v` as friction has it: [`rounded_sign`], or `tanh(v / e)` where the sharpness is zero.

@@ -21,7 +21,7 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 use core::sync::atomic::{AtomicU8, Ordering};
 
 pub(crate) use few::Few;
-pub use functions::{exp, expm1, sin_cos, tanh};
+pub use functions::{exp, expm1, ln, sin_cos, tanh};
 pub use portable::Portable;
 pub use space::{Matrix, Vector};
 
@@ -122,6 +122,8 @@ pub trait Lanes:
     fn if_signed(self, yes: Self, no: Self) -> Self;
     /// The bits, moved up by `N` places.
     fn shift_left<const N: i32>(self) -> Self;
+    /// The bits, moved down by `N` places.
+    fn shift_right<const N: i32>(self) -> Self;
     /// Bits that are set in both.
     fn and(self, other: Self) -> Self;
     /// Bits that differ.

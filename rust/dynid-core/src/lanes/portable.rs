@@ -161,6 +161,14 @@ impl<const N: usize, const FUSED: bool> Lanes for Portable<N, FUSED> {
     }
 
     #[inline(always)]
+    fn shift_right<const BITS: i32>(mut self) -> Self {
+        for k in 0..N {
+            self.0[k] = f64::from_bits(self.0[k].to_bits() >> BITS);
+        }
+        self
+    }
+
+    #[inline(always)]
     fn and(mut self, other: Self) -> Self {
         for k in 0..N {
             self.0[k] = f64::from_bits(self.0[k].to_bits() & other.0[k].to_bits());

@@ -21,7 +21,7 @@ macro_rules! register {
         fma $fma:ident, fnma $fnma:ident, sqrt $sqrt:ident, splat $splat:ident, load $load:ident, store $store:ident,
         load_some $load_some:ident, store_some $store_some:ident,
         less $less:ident, less_bits $less_bits:ident, signed $signed:ident, max $max:ident, min $min:ident,
-        shift $shift:ident, and $and:ident, xor $xor:ident,
+        shift $shift:ident, $back:ident, and $and:ident, xor $xor:ident,
         to_bits $to_bits:ident, from_bits $from_bits:ident, transpose $transpose:ident, front $front:ident
     ) => {
         $(#[$doc])*
@@ -174,6 +174,12 @@ macro_rules! register {
             }
 
             #[inline(always)]
+            fn shift_right<const BITS: i32>(self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $from_bits($back($to_bits(self.0), _mm_cvtsi32_si128(BITS))) })
+            }
+
+            #[inline(always)]
             fn and(self, other: Self) -> Self {
                 // SAFETY: see the head of this file.
                 Self(unsafe { $from_bits($and($to_bits(self.0), $to_bits(other.0))) })
@@ -207,7 +213,7 @@ register!(
     splat _mm_set1_pd, load _mm_loaddup_pd, store _mm_storel_pd,
     load_some load_some_128, store_some store_some_128,
     less less_128, less_bits less_bits_128, signed signed_128, max _mm_max_pd, min _mm_min_pd,
-    shift _mm_sll_epi64, and _mm_and_si128, xor _mm_xor_si128,
+    shift _mm_sll_epi64, _mm_srl_epi64, and _mm_and_si128, xor _mm_xor_si128,
     to_bits _mm_castpd_si128, from_bits _mm_castsi128_pd, transpose same, front same
 );
 
@@ -219,7 +225,7 @@ register!(
     splat _mm256_set1_pd, load _mm256_loadu_pd, store _mm256_storeu_pd,
     load_some load_some_256, store_some store_some_256,
     less less_256, less_bits less_bits_256, signed signed_256, max _mm256_max_pd, min _mm256_min_pd,
-    shift _mm256_sll_epi64, and _mm256_and_si256, xor _mm256_xor_si256,
+    shift _mm256_sll_epi64, _mm256_srl_epi64, and _mm256_and_si256, xor _mm256_xor_si256,
     to_bits _mm256_castpd_si256, from_bits _mm256_castsi256_pd, transpose transpose_256, front _mm256_castpd256_pd128
 );
 
@@ -231,7 +237,7 @@ register!(
     splat _mm512_set1_pd, load _mm512_loadu_pd, store _mm512_storeu_pd,
     load_some load_some_512, store_some store_some_512,
     less less_512, less_bits less_bits_512, signed signed_512, max _mm512_max_pd, min _mm512_min_pd,
-    shift _mm512_sll_epi64, and _mm512_and_si512, xor _mm512_xor_si512,
+    shift _mm512_sll_epi64, _mm512_srl_epi64, and _mm512_and_si512, xor _mm512_xor_si512,
     to_bits _mm512_castpd_si512, from_bits _mm512_castsi512_pd, transpose transpose_512, front _mm512_castpd512_pd128
 );
 
