@@ -435,11 +435,11 @@ impl Evaluation {
             memory: &mut self.next_memory,
             rows: effects,
         };
-        terms.evaluate::<S, L>(&input, false);
+        terms.evaluate::<L>(&input, false);
         if self.any_of_motor {
             terms.motor_torque_into(scaled, &mut self.tau_motor);
             let tau_motor = &self.tau_motor;
-            terms.evaluate::<S, L>(&EffectInput { tau_motor, ..input }, true);
+            terms.evaluate::<L>(&EffectInput { tau_motor, ..input }, true);
         }
         lanes::copy::<L>(&self.noise_variance, &mut self.scratch_variance);
         match (model.residual(), rows_mut(rest, n).next()) {

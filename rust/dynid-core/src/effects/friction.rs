@@ -105,24 +105,17 @@ fn row_of_sign<L: Lanes>(s: L, dq: L, lambda: L) -> [L; N_FRICTION] {
     columns
 }
 
-/// Friction torque of all joints, in lanes.
-pub(super) struct FrictionTorque<'a> {
-    /// lambda, eps and the eight coefficients, each padded to whole rows: see [`padded`].
-    pub numbers: &'a [f64],
-    pub dq: &'a [f64],
-    pub tau: &'a mut [f64],
-}
-
-/// Shapes (lambda, eps) and coefficients (eight) of every joint, turned over so that joints stand side by side.
-pub(super) fn padded(shape: &[f64], coefficients: &[f64]) -> Vec<f64> {
+/// Two shape parameters and `n_columns` coefficients of every joint, turned over so that joints stand side by side, each
+/// padded to whole rows: by ones where there is no joint, of coefficients by zeros.
+pub(super) fn padded(shape: &[f64], coefficients: &[f64], n_columns: usize) -> Vec<f64> {
     let n = shape.len() / 2;
     let width = n.next_multiple_of(MOST_LANES);
-    let mut numbers = vec![0.0; (2 + N_FRICTION) * width];
-    numbers[width..2 * width].fill(1.0); // eps of lanes without a joint
+    let mut numbers = vec![0.0; (2 + n_columns) * width];
+    numbers[..2 * width].fill(1.0);
     for j in 0..n {
         let own = shape[2 * j..2 * j + 2]
             .iter()
-            .chain(&coefficients[N_FRICTION * j..N_FRICTION * (j + 1)]);
+            .chain(&coefficients[n_columns * j..n_columns * (j + 1)]);
         for (k, x) in own.enumerate() {
             numbers[k * width + j] = *x;
         }
@@ -130,22 +123,25 @@ pub(super) fn padded(shape: &[f64], coefficients: &[f64]) -> Vec<f64> {
     numbers
 }
 
-impl Kernel for FrictionTorque<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
-        let width = self.dq.len().next_multiple_of(MOST_LANES);
-        let rows = self.dq.chunks(L::LEN).zip(self.tau.chunks_mut(L::LEN));
-        for (k, (dq, tau)) in rows.enumerate() {
-            let own = tail(self.numbers, k * L::LEN);
-            let columns = friction_row(L::load_some(dq), L::load(own), L::load(tail(own, width)));
-            let mut sum = L::splat(0.0);
-            for (k, column) in columns.into_iter().enumerate() {
-                sum = sum + column * L::load(tail(own, (2 + k) * width));
-            }
-            sum.store_some(tau);
+/// Torque of all joints by a law of friction, in lanes: `columns` of a row of speeds and its two shape parameters, times
+/// the coefficients. `numbers`: see [`padded`].
+#[inline(always)]
+pub(super) fn torque_in_lanes<L: Lanes, const N: usize>(
+    numbers: &[f64],
+    dq: &[f64],
+    tau: &mut [f64],
+    columns: impl Fn(L, L, L) -> [L; N],
+) {
+    let width = dq.len().next_multiple_of(MOST_LANES);
+    let rows = dq.chunks(L::LEN).zip(tau.chunks_mut(L::LEN));
+    for (k, (dq, tau)) in rows.enumerate() {
+        let own = tail(numbers, k * L::LEN);
+        let columns = columns(L::load_some(dq), L::load(own), L::load(tail(own, width)));
+        let mut sum = L::splat(0.0);
+        for (k, column) in columns.into_iter().enumerate() {
+            sum = sum + column * L::load(tail(own, (2 + k) * width));
         }
+        sum.store_some(tau);
     }
 }
 

@@ -385,11 +385,10 @@ impl EffectTerm {
         if !coefficients.iter().all(|x| x.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
         }
+        let padded = || friction::padded(&effect.shape, &coefficients, effect.n_columns());
         let in_lanes = match effect.kind() {
-            friction::KIND => InLanes::Paper(friction::padded(&effect.shape, &coefficients)),
-            smooth_friction::KIND => {
-                InLanes::Smooth(smooth_friction::padded(&effect.shape, &coefficients))
-            }
+            friction::KIND => InLanes::Paper(padded()),
+            smooth_friction::KIND => InLanes::Smooth(padded()),
             _ => InLanes::None,
         };
         Ok(Self {
@@ -421,7 +420,7 @@ impl EffectTerm {
             #[inline(always)]
             fn run<S: lanes::Lanes<Raw = [f64; 1]>, L: lanes::Lanes>(self) {
                 let Self(term, input, [memory, tau]) = self;
-                term.torque_on::<S, L>(input, memory, tau);
+                term.torque_on::<L>(input, memory, tau);
             }
         }
 
@@ -430,7 +429,7 @@ impl EffectTerm {
 
     /// [`Self::torque_into`] within a step that is on its path already.
     #[inline(always)]
-    pub(crate) fn torque_on<S: lanes::Lanes<Raw = [f64; 1]>, L: lanes::Lanes>(
+    pub(crate) fn torque_on<L: lanes::Lanes>(
         &self,
         input: &EffectInput<'_>,
         memory: &mut [f64],
@@ -439,10 +438,18 @@ impl EffectTerm {
         let dq = input.state.dq_motor;
         match &self.in_lanes {
             InLanes::Paper(numbers) => {
-                lanes::Kernel::run::<S, L>(friction::FrictionTorque { numbers, dq, tau });
+                friction::torque_in_lanes::<L, N_FRICTION>(
+                    numbers,
+                    dq,
+                    tau,
+                    friction::friction_row,
+                );
             }
             InLanes::Smooth(numbers) => {
-                lanes::Kernel::run::<S, L>(smooth_friction::SmoothTorque { numbers, dq, tau });
+                let row = smooth_friction::smooth_row;
+                friction::torque_in_lanes::<L, { smooth_friction::N_COLUMNS }>(
+                    numbers, dq, tau, row,
+                );
             }
             InLanes::None => self.joint_by_joint(input, memory, tau),
         }

@@ -5,8 +5,8 @@
 
 use super::friction::direction;
 use super::EffectInput;
-use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
-use crate::slices::{at, first, put, tail};
+use crate::lanes::{self, Kernel, Lanes};
+use crate::slices::{at, first, put};
 
 /// Name in files and reports.
 pub(crate) const KIND: &str = "smooth_friction";
@@ -15,7 +15,7 @@ pub(crate) const KIND: &str = "smooth_friction";
 pub(crate) const N_SIGN: usize = 2;
 
 /// Columns per joint.
-const N_COLUMNS: usize = 6;
+pub(super) const N_COLUMNS: usize = 6;
 
 /// The sign of `v`, rounded over the width `e` with the sharpness `p`.
 ///
@@ -53,50 +53,6 @@ fn sign_row<L: Lanes>(v: L, e: L, p: L) -> L {
 pub(super) fn smooth_row<L: Lanes>(v: L, e: L, p: L) -> [L; N_COLUMNS] {
     let (s, size) = (sign_row(v, e, p), v.abs());
     [s, s.abs(), v, size, v * size, v * v]
-}
-
-/// Friction torque of all joints, in lanes.
-pub(super) struct SmoothTorque<'a> {
-    /// e, p and the six coefficients, each padded to whole rows: see [`padded`].
-    pub numbers: &'a [f64],
-    pub dq: &'a [f64],
-    pub tau: &'a mut [f64],
-}
-
-/// Shapes (e, p) and coefficients (six) of every joint, turned over so that joints stand side by side.
-pub(super) fn padded(shape: &[f64], coefficients: &[f64]) -> Vec<f64> {
-    let n = shape.len() / 2;
-    let width = n.next_multiple_of(MOST_LANES);
-    let mut numbers = vec![0.0; (2 + N_COLUMNS) * width];
-    numbers[..2 * width].fill(1.0); // e and p of lanes without a joint
-    for j in 0..n {
-        let own = shape[2 * j..2 * j + 2]
-            .iter()
-            .chain(&coefficients[N_COLUMNS * j..N_COLUMNS * (j + 1)]);
-        for (k, x) in own.enumerate() {
-            numbers[k * width + j] = *x;
-        }
-    }
-    numbers
-}
-
-impl Kernel for SmoothTorque<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
-        let width = self.dq.len().next_multiple_of(MOST_LANES);
-        let rows = self.dq.chunks(L::LEN).zip(self.tau.chunks_mut(L::LEN));
-        for (k, (dq, tau)) in rows.enumerate() {
-            let own = tail(self.numbers, k * L::LEN);
-            let columns = smooth_row(L::load_some(dq), L::load(own), L::load(tail(own, width)));
-            let mut sum = L::splat(0.0);
-            for (k, column) in columns.into_iter().enumerate() {
-                sum = sum + column * L::load(tail(own, (2 + k) * width));
-            }
-            sum.store_some(tau);
-        }
-    }
 }
 
 /// The sign of `v` as friction has it: [`rounded_sign`], or `tanh(v / e)` where the sharpness is zero.

@@ -15,11 +15,7 @@ pub(super) struct Terms<'a> {
 impl Terms<'_> {
     /// Torque of those effects that are, or are not, of the motor's torque; the others stay as they are.
     #[inline(always)]
-    pub fn evaluate<S: Lanes<Raw = [f64; 1]>, L: Lanes>(
-        &mut self,
-        input: &EffectInput<'_>,
-        of_motor: bool,
-    ) {
+    pub fn evaluate<L: Lanes>(&mut self, input: &EffectInput<'_>, of_motor: bool) {
         let n = input.tau_link.len();
         let mut memory = &mut *self.memory;
         let terms = self.effects.iter().zip(self.of_motor);
@@ -29,7 +25,7 @@ impl Terms<'_> {
                 .split_at_mut_checked(term.effect().memory_len(n))
                 .unwrap_or_default();
             if *is == of_motor {
-                term.torque_on::<S, L>(input, own, row);
+                term.torque_on::<L>(input, own, row);
             }
         }
     }
