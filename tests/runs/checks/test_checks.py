@@ -351,6 +351,40 @@ def test_a_bit_that_hangs_is_seen_however_often(every):
     assert [(f.code, f.column) for f in check(change) if f.code == "lost_bits"] == [("lost_bits", "q_1")]
 
 
+def test_a_bit_that_hangs_is_seen_where_a_fast_joint_passes_it_at_every_row():
+    """At 73 Hz, .025 rad a row and a bit of .012 rad: no step stands out, and every other stretch is never recorded."""
+    t = np.arange(1100) / 73.0
+    q = (1.2 * np.sin(1.3 * t) + 0.1 * np.sin(4.1 * t + 1.0))[:, None]
+    counts = np.round(q / 9.6e-5).astype(np.int64)
+    for name, hanging in (("low", counts & ~128), ("high", counts | 128)):
+        found = [
+            f.code
+            for f in check_recording(Recording(t, hanging * 9.6e-5, tau=np.cos(q), name=name))
+            if f.severity == "error"
+        ]
+        assert found == ["lost_bits"]
+    assert "lost_bits" not in {f.code for f in check_recording(Recording(t, counts * 9.6e-5, tau=np.cos(q)))}
+
+
+def test_a_pass_at_constant_speed_leaves_gaps_and_is_no_bit():
+    t = np.arange(1100) / 50.0
+    q = np.interp(t, [0.0, 2.0, 20.0, 22.0], [0.0, 0.0, 2.5, 2.5])[:, None]
+    assert "lost_bits" not in {f.code for f in check_recording(Recording(t, q, tau=np.cos(q)))}
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.1, 0.25])
+def test_a_late_velocity_is_said_to_be_late_and_by_how_much(delay):
+    """A tenth of a second is more than its first order in the motion; it is not 'times as large'."""
+    t = np.arange(1500) / 100.0
+    dq = np.stack([np.cos(3.0 * t) + 0.6 * np.cos(7.0 * t + 0.3), np.cos(2.0 * t)], axis=1)
+    q = np.stack([np.sin(3.0 * t) / 3.0 + 0.6 * np.sin(7.0 * t + 0.3) / 7.0, np.sin(2.0 * t) / 2.0], axis=1)
+    late = t - delay
+    dq[:, 0] = np.cos(3.0 * late) + 0.6 * np.cos(7.0 * late + 0.3)
+    (found,) = (f for f in check_recording(Recording(t, q, dq, tau=np.cos(q))) if f.code == "dq_disagrees")
+    assert found.column == "dq_0"
+    assert f"it comes {1e3 * delay:.0f} ms late" in found.message
+
+
 def test_shortest_run_is_checked():
     arrays = {name: values[:20] for name, values in good().items()}
     assert {f.severity for f in check_recording(Recording(**arrays))} <= {"info", "warning"}

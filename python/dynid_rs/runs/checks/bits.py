@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.motion import extent, label, moving_joints
 from dynid_rs.runs.recording import FloatArray, Recording
+
+IntArray = NDArray[np.int64]
 
 COARSE_STEP = 1.5e-3
 """Step of a position [rad] that no encoder of a joint has: 4,200 to a turn, behind the gear."""
@@ -21,6 +24,10 @@ SAME = 0.1
 LEAST_JUMPS = 4
 JUMP = 8.0
 """Times the steps beside it, on both sides: motion does not jump there and go on as before."""
+LEAST_GAPS = 8
+"""Stretches of a joint's way that are never recorded, and lie a bit's size apart: few may be so by chance."""
+EMPTY = 0.97
+"""Share of the places taken that lie where the bit is as it hangs: the rest is on the bins' edges."""
 
 
 def check_bits(rec: Recording) -> Iterator[Finding]:
@@ -41,7 +48,10 @@ def check_bits(rec: Recording) -> Iterator[Finding]:
             elif steps[j] > COARSE_STEP or steps[j] > COARSE_FACTOR * others > 0:
                 yield _coarse(rec, signal, j, steps[j], "rad")
             else:
-                yield from _hanging(rec, signal, values[:, j], j)
+                rows, size = _jumps(values[:, j]) or _gaps(values[:, j]) or (np.zeros(0, dtype=np.int64), 0.0)
+                # Smaller ones do no more harm than a coarse encoder, and whole turns are `wrapped`.
+                if COARSE_STEP < size < np.pi:
+                    yield _hanging(rec, signal, j, rows, size)
 
 
 def lattice_step(values: FloatArray) -> float:
@@ -63,26 +73,63 @@ def lattice_step(values: FloatArray) -> float:
     return step if float(np.max(off)) < 0.05 else 0.0
 
 
-def _hanging(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
-    """Jumps to and fro by one size: wherever the position passes a multiple of the bit."""
-    d = np.diff(values)
-    padded = np.concatenate([d[2:0:-1], d, d[-2:-4:-1]])
-    beside = np.median(np.stack([padded[k : k + len(d)] for k in (0, 1, 3, 4)]), axis=0)
-    noise = 1.4826 * float(np.median(np.abs(d - beside)))
+def _jumps(values: FloatArray) -> tuple[IntArray, float] | None:
+    """Rows and size of jumps to and fro by one size: wherever a slow position passes a multiple of the bit."""
+    d, jumps, padded = _beside(values)
+    noise = 1.4826 * float(np.median(np.abs(jumps)))
     smallest = np.min(np.abs(d[d != 0])) if np.any(d) else 0.0
-    jumps = d - beside
     reach = np.max(np.stack([np.abs(padded[k : k + len(d)]) for k in (0, 1, 3, 4)]), axis=0)
     rows = np.flatnonzero(np.abs(jumps) > JUMP * np.maximum(reach, max(noise, 2 * smallest)))
     rows = rows[np.abs(jumps[rows]) > 0.3 * np.max(np.abs(jumps[rows]), initial=0.0)]
     sizes = np.abs(jumps[rows])
-    both = bool(np.any(jumps[rows] > 0) and np.any(jumps[rows] < 0))
-    if len(rows) < LEAST_JUMPS or not both or np.std(sizes) > SAME * np.median(sizes):
-        return
-    size = float(np.median(sizes))
-    # Smaller ones do no more harm than a coarse encoder, and whole turns are `wrapped`.
-    if not COARSE_STEP < size < np.pi:
-        return
-    yield Finding(
+    if len(rows) < LEAST_JUMPS or not _both_ways(jumps[rows]) or np.std(sizes) > SAME * np.median(sizes):
+        return None
+    return rows, float(np.median(sizes))
+
+
+def _gaps(values: FloatArray) -> tuple[IntArray, float] | None:
+    """Rows and size of a bit that a fast position passes within a few rows, or at each.
+
+    No step stands out there. But every other stretch of the way, a bit long, is never recorded: the places that are
+    taken have a strong wave in their spectrum, and lie on one half of its circle. A joint that passes once at constant
+    speed leaves such a pattern as well; it does not jump.
+    """
+    width = COARSE_STEP / 2
+    places = np.unique(np.floor((values - values.min()) / width).astype(np.int64))
+    span = int(places[-1]) + 1
+    if span < 2 * LEAST_GAPS * 4:
+        return None
+    taken = np.zeros(span)
+    taken[places] = 1.0
+    n = 4 * span
+    spectrum = np.abs(np.fft.rfft(taken, n))
+    spectrum[: 4 * LEAST_GAPS] = 0.0
+    spectrum[n // 4 + 1 :] = 0.0  # periods of at least four bins
+    period = n / int(np.argmax(spectrum))
+    phases = np.sort(places / period % 1.0)
+    around = np.concatenate([phases, phases + 1.0])
+    on_one_half = np.max(np.searchsorted(around, phases + 0.5 + 1.0 / period) - np.arange(len(phases)))
+    size = width * period / 2
+    jumps = _beside(values)[1]
+    rows = np.flatnonzero(np.abs(jumps) > size / 2)
+    if on_one_half < EMPTY * len(places) or len(rows) < LEAST_GAPS or not _both_ways(jumps[rows]):
+        return None
+    return rows, size
+
+
+def _beside(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Steps (n - 1,), what they have beyond the median of two on each side, and the steps with two more at each end."""
+    d = np.diff(values)
+    padded = np.concatenate([d[2:0:-1], d, d[-2:-4:-1]])
+    return d, d - np.median(np.stack([padded[k : k + len(d)] for k in (0, 1, 3, 4)]), axis=0), padded
+
+
+def _both_ways(jumps: FloatArray) -> bool:
+    return bool(np.any(jumps > 0) and np.any(jumps < 0))
+
+
+def _hanging(rec: Recording, signal: str, joint: int, rows: IntArray, size: float) -> Finding:
+    return Finding(
         "lost_bits",
         "error",
         f"{label(rec, signal, joint)} jumps to and fro by {size:.3g} rad {len(rows)} times, first at row "

@@ -32,6 +32,10 @@ LEAST_DELAY = 0.01
 """Seconds: a model that takes the velocity's derivative for acceleration is wrong by the jerk of so much time."""
 DELAY_SHARE = 0.8
 """Share of the difference that a delay has to explain."""
+MOST_DELAY = 0.5
+"""Seconds, or a tenth of a short run: rows at the ends are left out by so much."""
+STEPS = 8
+"""Towards a delay: each leaves of it what is of its second order, so that three or four reach it."""
 
 _FACTORS = {
     "it is in deg/s": 180.0 / np.pi,
@@ -139,26 +143,36 @@ def _hold(values: FloatArray, rec: Recording) -> str:
 def _delay(rec: Recording, values: FloatArray, source: str, joint: int) -> str:
     """Say that a velocity comes late; empty where it does not, or where that cannot be told.
 
-    ``q(t) - integral of dq`` is the delay times dq if dq is late: a straight line whose slope is fitted beside a drift
-    and a gain, and believed where it explains most of what is left.
+    ``q(t - delay) - integral of dq`` is nothing but a drift and an error of scale if dq is late. To first order in what
+    is left of the delay it is that times dq: a straight line, whose slope is the next step towards the delay. Believed
+    where a shift explains most of what there is without one.
     """
     position = getattr(rec, source)[:, joint]
     dt = np.diff(rec.t)
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt)])
     seconds = rec.t - rec.t[0]
-    drift = np.stack([np.ones_like(seconds), seconds, seconds**2, integral], axis=1)
+    most = min(MOST_DELAY, 0.1 * seconds[-1])
+    kept = (seconds >= most) & (seconds <= seconds[-1] - most)  # where the shifted position has been recorded
+    drift = np.stack([np.ones_like(seconds), seconds, seconds**2, integral], axis=1)[kept]
     scale = np.maximum(np.abs(drift).max(axis=0), 1e-300)
     basis, _ = np.linalg.qr(drift / scale)
 
     def beside(x: FloatArray) -> FloatArray:
         return np.asarray(x - basis @ (basis.T @ x))
 
-    left, speed = beside(position - integral), beside(values)
+    speed = beside(values[kept])
     power = float(speed @ speed)
-    if power <= 0 or rms(left) <= NOISE / 2:
+    without = beside((position - integral)[kept])
+    if power <= 0 or rms(without) <= NOISE / 2:
         return ""
-    delay = float(left @ speed) / power
-    share = delay * float(left @ speed) / max(float(left @ left), 1e-300)
+    delay, left = 0.0, without
+    for _ in range(STEPS):
+        closer = delay + float(left @ speed) / power
+        shifted = beside((np.interp(seconds - closer, seconds, position) - integral)[kept])
+        if abs(closer) > most or rms(shifted) >= rms(left):
+            break
+        delay, left = closer, shifted
+    share = 1.0 - (rms(left) / rms(without)) ** 2
     if abs(delay) < max(LEAST_DELAY, 1.5 * rec.median_step) or share < DELAY_SHARE:
         return ""
     return f", it comes {1e3 * abs(delay):.0f} ms {'late' if delay > 0 else 'early'} (a slow filter, or another clock)"
@@ -173,7 +187,8 @@ def _reason(signal: str, integral: FloatArray, changes: FloatArray, joint: int) 
         for reason, factor in _FACTORS.items():
             if abs(slope / factor - 1.0) < 0.1 and (signal != "ddq" or factor == -1.0):
                 return f", {reason}"
-        return f", it is {slope:.3g} times as large"
+        if abs(slope - 1.0) > MAX_DISAGREEMENT:  # else the size is not what is wrong
+            return f", it is {slope:.3g} times as large"
     others = [j for j in range(changes.shape[1]) if j != joint]
     for other in others:
         if abs(correlation(changes[:, other], integral)) > MIN_CORRELATION:
