@@ -23,6 +23,7 @@ from dynid_rs.commands._diagnose_view import show
 from dynid_rs.diagnosis.availability import missing_signals
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.plausibility import implausible
+from dynid_rs.diagnosis.results import _with_consequences
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.wording import explained_share, next_experiments, not_worse, verdict
 from dynid_rs.regression.evaluation import Comparison
@@ -357,6 +358,15 @@ def test_a_known_error_in_the_data_is_the_verdict_and_nothing_is_concluded():
     assert verdict(result) == f"Look at the data first: {cause.message}. Nothing is concluded before that is mended."
     assert "no physics can be read" in report_diagnosis.left(None, result)
     assert "no physics can be read" in report_diagnosis.effects(None, result)
+
+
+def test_where_a_run_carries_another_load_that_is_the_error_and_not_the_robot_file():
+    load = Finding("payload_change", "warning", "run_1 carries about 2 kg more", "run_1", value=2.0, unit="kg")
+    lost = Finding("residual_exceeds_torque", "error", "check the robot file", column="tau_0")
+    odd, other = (Finding("run_unlike_others", "warning", "ten times", name) for name in ("run_1", "run_2"))
+    assert _with_consequences([load], [lost, odd, other]) == [replace(load, severity="error"), other]
+    assert _with_consequences([load], [odd]) == [load]
+    assert _with_consequences([], [lost, odd]) == [lost, odd]
 
 
 def test_a_run_of_another_robot_is_refused(tmp_path, search):

@@ -13,7 +13,7 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.wording import next_experiments, verdict
+from dynid_rs.diagnosis.wording import CONSEQUENCE, next_experiments, verdict
 from dynid_rs.excitation.named import NamedEffect, separate_command
 from dynid_rs.identification import results
 from dynid_rs.identification.results import Evaluated, Scores
@@ -113,7 +113,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     before, after = outcome.before, outcome.after
     comparisons = [run.comparison for run in (*runs.train_after, *runs.test_after)]
     said = list(dict.fromkeys([*findings, *outcome.findings]))  # a damaged sample is seen in the file and in the run
-    said += implausible(after.robot, comparisons) if _not_said(said) else []
+    said = _with_consequences(said, implausible(after.robot, comparisons)) if _not_said(said) else said
     said = with_fitted_delay(said, after.encoder_delay_)
     result = results.summarise(after, runs.train_after, runs.test_after, said)
     trained, tested = (Scores([run.comparison for run in part]) for part in (runs.train_before, runs.test_before))
@@ -165,6 +165,19 @@ def residual_table(outcome: Outcome, runs: EvaluatedRuns) -> dict[str, NDArray[A
     if len(left) == len(table["t"]):
         table |= {f"residual_before_{j}": np.ascontiguousarray(column) for j, column in enumerate(left.T)}
     return table
+
+
+def _with_consequences(said: Sequence[Finding], follow: Sequence[Finding]) -> list[Finding]:
+    """What was said with what follows from it; where a run carries another load, that is the error and why.
+
+    Units, signs and the robot file, which are to be checked where a model leaves as much as there is, are right then.
+    """
+    loaded = {finding.file for finding in said if finding.code == "payload_change"}
+    if not loaded:
+        return [*said, *follow]
+    lost = any(finding.code == CONSEQUENCE for finding in follow)
+    told = [replace(f, severity="error") if lost and f.code == "payload_change" else f for f in said]
+    return [*told, *(f for f in follow if f.code != CONSEQUENCE and f.file not in loaded)]
 
 
 def _not_said(findings: Sequence[Finding]) -> bool:
