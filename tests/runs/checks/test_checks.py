@@ -2,6 +2,9 @@
 
 # ruff: noqa: E501 - the table of faults has one case a line
 
+import tracemalloc
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from helpers.run_files import RATE, motion
@@ -13,6 +16,14 @@ from dynid_rs.runs.recording import Recording
 
 N = 1200
 HINTS = {"single_encoder"}
+
+
+@contextmanager
+def tracing():
+    """Gives the most bytes that were taken at once so far."""
+    tracemalloc.start()
+    yield lambda: tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
 
 
 class Robot:
@@ -370,6 +381,15 @@ def test_a_pass_at_constant_speed_leaves_gaps_and_is_no_bit():
     t = np.arange(1100) / 50.0
     q = np.interp(t, [0.0, 2.0, 20.0, 22.0], [0.0, 0.0, 2.5, 2.5])[:, None]
     assert "lost_bits" not in {f.code for f in check_recording(Recording(t, q, tau=np.cos(q)))}
+
+
+@pytest.mark.parametrize("way", [1e5, 1e15, 1e300])
+def test_a_position_that_goes_on_for_ever_takes_no_room(way):
+    t = np.arange(1100) / 50.0
+    q = (way * np.sin(t))[:, None]
+    with tracing() as most:
+        check_recording(Recording(t, q, tau=np.cos(t)[:, None]))
+    assert most() < 20e6
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.1, 0.25])

@@ -26,6 +26,8 @@ JUMP = 8.0
 """Times the steps beside it, on both sides: motion does not jump there and go on as before."""
 LEAST_GAPS = 8
 """Stretches of a joint's way that are never recorded, and lie a bit's size apart: few may be so by chance."""
+MOST_WAY = 200.0 * np.pi
+"""Of a joint [rad]: further than a hundred turns no place is passed often enough, and the bins would be without end."""
 EMPTY = 0.97
 """Share of the places taken that lie where the bit is as it hangs: the rest is on the bins' edges."""
 
@@ -95,26 +97,28 @@ def _gaps(values: FloatArray) -> tuple[IntArray, float] | None:
     speed leaves such a pattern as well; it does not jump.
     """
     width = COARSE_STEP / 2
-    places = np.unique(np.floor((values - values.min()) / width).astype(np.int64))
-    span = int(places[-1]) + 1
-    if span < 2 * LEAST_GAPS * 4:
+    lowest, way = float(values.min()), float(np.ptp(values))
+    if not 8 * LEAST_GAPS * width <= way <= MOST_WAY:
         return None
+    bins = ((values - lowest) / width).astype(np.int64)
+    span = int(bins.max()) + 1
     taken = np.zeros(span)
-    taken[places] = 1.0
-    n = 4 * span
+    taken[bins] = 1.0
+    places = np.flatnonzero(taken)
+    n = 1 << (4 * span - 1).bit_length()  # four points of the spectrum to a gap more or less, at least
     spectrum = np.abs(np.fft.rfft(taken, n))
-    spectrum[: 4 * LEAST_GAPS] = 0.0
+    spectrum[: n // span * LEAST_GAPS] = 0.0
     spectrum[n // 4 + 1 :] = 0.0  # periods of at least four bins
     period = n / int(np.argmax(spectrum))
     phases = np.sort(places / period % 1.0)
     around = np.concatenate([phases, phases + 1.0])
     on_one_half = np.max(np.searchsorted(around, phases + 0.5 + 1.0 / period) - np.arange(len(phases)))
+    if on_one_half < EMPTY * len(places):
+        return None
     size = width * period / 2
     jumps = _beside(values)[1]
     rows = np.flatnonzero(np.abs(jumps) > size / 2)
-    if on_one_half < EMPTY * len(places) or len(rows) < LEAST_GAPS or not _both_ways(jumps[rows]):
-        return None
-    return rows, size
+    return (rows, size) if len(rows) >= LEAST_GAPS and _both_ways(jumps[rows]) else None
 
 
 def _beside(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
