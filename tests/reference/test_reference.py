@@ -168,6 +168,18 @@ def test_what_one_joint_has_is_named_there(reference, arm, robot, kind, joint):
     assert np.all(changes.rmse["test"]["after"] < 1.2 * reference.noise_std)
 
 
+def test_friction_that_remembers_its_way_grows_with_the_rest(reference, robot):
+    grown = replace(Believed.unchanged(reference, robot.phi), friction=np.full((6, 3), [0.2, 0.0, 0.0])).model()
+    growth = {
+        effect.kind: np.asarray(now) / np.asarray(before)
+        for (effect, before), (_, now) in zip(reference.effects, grown.effects, strict=True)
+        if np.all(before)
+    }
+    assert {"smooth_friction", "friction_hysteresis"} <= set(growth)
+    for kind, factor in growth.items():
+        assert_allclose(factor, 1.2 if "friction" in kind else 1.0, rtol=tolerances.ALGEBRAIC["rtol"])
+
+
 def test_friction_of_another_day_is_not_named(reference, arm):
     today = replace(arm, friction=arm.friction * np.linspace(0.92, 1.1, 6)[:, None])
     assert compared(reference, today).effects == []

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.wording import is_friction
 from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.model.placement import gravity_steps, tilt_of, tilted_gravity
 from dynid_rs.reference.plausible import Plausible, plausible_phi
@@ -23,7 +24,10 @@ PARTS = {
     "friction": (("coulomb_pos", "coulomb_neg"), ("viscous1_pos", "viscous1_neg")),
     "smooth_friction": (("coulomb",), ("viscous",)),
 }
-"""Kinds of declared friction: names of what acts in both directions, Coulomb's and the viscous part."""
+"""Kinds of declared friction: names of what acts in both directions, Coulomb's and the viscous part.
+
+Its factor is that of all friction that the model has, of what remembers its way too.
+"""
 LEAST_SIGNAL = 2.0
 """What a tilt brings to light counts above this, in standard deviations of the noise over all independent rows."""
 N_SAMPLES = 150
@@ -51,7 +55,7 @@ class Believed:
     gain, offset : ndarray (n_joints,)
         The torque channel shows (1 + gain) times the torque, and an offset [torque unit] more.
     friction : ndarray (n_joints, 3)
-        Factor by which the reference's friction has grown, Coulomb [torque unit] and viscous friction [torque unit *
+        Factor by which all of the reference's friction has grown, Coulomb [torque unit] and viscous friction [torque unit *
         s/rad] that have been added to it.
     """
 
@@ -97,8 +101,9 @@ class Believed:
         for effect, coefficients in like.effects:
             changed = np.array(coefficients)
             names = effect.coefficient_names
-            if effect.kind in PARTS:
+            if is_friction(effect.kind):
                 changed *= 1 + self.friction[:, :1]
+            if effect.kind in PARTS:
                 for column, part in enumerate(PARTS[effect.kind], start=1):
                     for name in part:
                         changed[:, names.index(name)] += self.friction[:, column]
@@ -194,7 +199,9 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
     model, robot = believed.model(), believed.robot
     n = robot.n_joints
     scale = np.asarray(model.torque_scale)
-    friction, now = next(pair for pair in believed.reference.effects if pair[0].kind in PARTS)
+    ungrown = replace(believed, friction=np.zeros_like(believed.friction)).model()
+    grows = [1 + k for k, (effect, _) in enumerate(ungrown.effects) if is_friction(effect.kind)]
+    friction = next(effect for effect, _ in ungrown.effects if effect.kind in PARTS)
     names = friction.coefficient_names
     parts = [[names.index(name) for name in part] for part in PARTS[friction.kind]]
     pulls = gravity_steps(believed.reference.robot, robot)
@@ -208,12 +215,12 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
         still = np.zeros_like(aligned.q)
         wide = np.zeros((len(states.t), n, DAILY * n))
         basis = _core.effect_columns(friction, *aligned.signals())
+        whole = evaluate(ungrown, states)[1][:, grows].sum(axis=1)
         for j in range(n):
             wide[:, j, DAILY * j] = 1.0
-            shown_by = 1 + believed.gain[j]
-            wide[:, j, DAILY * j + 1] = shown_by * (basis[:, j] @ now[j])
+            wide[:, j, DAILY * j + 1] = whole[:, j]
             for k, part in enumerate(parts):
-                wide[:, j, DAILY * j + 2 + k] = shown_by * basis[:, j, part].sum(axis=1)
+                wide[:, j, DAILY * j + 2 + k] = (1 + believed.gain[j]) * basis[:, j, part].sum(axis=1)
         load = robot.joint_torque_regressor(*motion)[:, :, -10:] * scale[:, None]
         tilt = [robot.with_gravity(g.tolist()).inverse_dynamics(aligned.q, still, still, phi) for g in pulls]
         for pieces in shown:
