@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +48,7 @@ def with_load(plan: Plan, links: LinkDynamicsIdentifier, own: FloatArray) -> Cal
     `own` (n_joints, n_own): coefficients of the plan's effects, of which the declared ones are the motors' too.
     """
     load = link_load(plan, links)
-    declared = [(effect, values) for effect, values in _terms(plan, own) if effect.is_declared]
+    declared = [(effect, values) for effect, values in plan.terms(own) if effect.is_declared]
 
     def loaded(states: States) -> States:
         tau_link = load(states)
@@ -102,9 +101,3 @@ def has_settled(asked: Sequence[States], given: Sequence[States]) -> bool:
 
 def _stacked(runs: Sequence[States]) -> FloatArray:
     return np.concatenate([states.tau_motor for states in runs if states.tau_motor is not None])
-
-
-def _terms(plan: Plan, own: FloatArray) -> list[tuple[_core.Effect, FloatArray]]:
-    """Effects with their coefficients, (n_joints, n_columns) each."""
-    edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
-    return [(effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)]

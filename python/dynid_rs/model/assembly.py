@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -68,11 +67,7 @@ def assemble(
     """
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = links.phi_base_
-    edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
-    effects = [
-        (effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)
-    ]
-    effects += known
+    effects = [*plan.terms(own), *known]
     q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
     counts = bool(np.any(torque_delay)) or any("step" in effect.signals for effect in plan.effects)
     kept = third_loop is not None and any(regression is not None for regression in third_loop[1])

@@ -55,8 +55,8 @@ class Believed:
     gain, offset : ndarray (n_joints,)
         The torque channel shows (1 + gain) times the torque, and an offset [torque unit] more.
     friction : ndarray (n_joints, 3)
-        Factor by which all of the reference's friction has grown, Coulomb [torque unit] and viscous friction [torque unit *
-        s/rad] that have been added to it.
+        Factor by which all of the reference's friction has grown, Coulomb [torque unit] and viscous friction
+        [torque unit * s/rad] that have been added to it.
     """
 
     reference: _core.TorqueModel

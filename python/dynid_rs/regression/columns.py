@@ -51,12 +51,20 @@ class Plan:
         """Own columns of one joint, those included that cannot be told apart."""
         return int(self.own.shape[1])
 
+    @cached_property
+    def places(self) -> list[tuple[_core.Effect, slice]]:
+        """Every effect and its places among the own columns."""
+        edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)]).tolist()
+        return [(effect, slice(*at)) for effect, at in zip(self.effects, pairwise(edges), strict=True)]
+
     @property
     def friction(self) -> tuple[_core.Effect, slice]:
         """The law of friction among the effects, and its places among the own columns."""
-        edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)])
-        at = next(k for k, effect in enumerate(self.effects) if effect.kind in FRICTION)
-        return self.effects[at], slice(int(edges[at]), int(edges[at + 1]))
+        return next((effect, at) for effect, at in self.places if effect.kind in FRICTION)
+
+    def terms(self, own: FloatArray) -> list[tuple[_core.Effect, FloatArray]]:
+        """Return effects with their coefficients (n_joints, n_columns) among `own` (n_joints, n_own)."""
+        return [(effect, own[:, at]) for effect, at in self.places]
 
     @property
     def n_columns(self) -> int:
@@ -76,8 +84,7 @@ class Plan:
     @cached_property
     def acting(self) -> NDArray[np.bool_]:
         """(n_joints, n_effects) where each effect acts: a declared one on every joint."""
-        edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)])
-        used = [self.own[:, first:end].any(axis=1) for first, end in pairwise(edges.tolist())]
+        used = [self.own[:, at].any(axis=1) for _, at in self.places]
         return np.stack(used, axis=1) | [effect.is_declared for effect in self.effects]
 
     def estimable(self) -> NDArray[np.bool_]:

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.memory import WEAK
 from dynid_rs.identification.loads import with_load
+from dynid_rs.identification.smooth_friction import sign_by_way
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.regression.columns import run_rows
+from dynid_rs.regression.columns import Plan, run_rows
 from dynid_rs.regression.fitted import weighted_system
 from dynid_rs.runs.preprocessing import MEMORY, States
 
@@ -78,9 +79,7 @@ class Usual:
         self.range: FloatArray = np.ptp(np.concatenate([states.q for states in runs]), axis=0)
         self._most = {states.name: self._extremes(states) for states in runs}
         self.top: FloatArray = np.max(list(self._most.values()), axis=0)[0]
-        friction, own = fit.observations_.plan.friction
-        sides = [own.start + k for k, name in enumerate(friction.coefficient_names) if name.startswith("coulomb")]
-        self.coulomb: FloatArray = np.abs(fit.links_.own_[:, sides]).max(axis=1)
+        self.coulomb: FloatArray = _turning(self._plan, fit.links_.own_)
 
     def unsure(self, states: States) -> FloatArray:
         """Standard deviation of the predicted torque in the band on the rows' grid, (n_grid, n_joints)."""
@@ -108,6 +107,17 @@ class Usual:
             speed = UNFITTED_SPEED * speed  # friction's powers of speed go astray before they leave the data
         result: BoolArray = (np.abs(states.dq) <= speed) & (np.abs(load) <= torque)
         return result
+
+
+def _turning(plan: Plan, own: FloatArray) -> FloatArray:
+    """Friction that turns round with the motion (n_joints,): Coulomb's greater side, and what is told by the way."""
+    law, at = plan.friction
+    sides = [at.start + k for k, name in enumerate(law.coefficient_names) if name.startswith("coulomb")]
+    by_way = [part for effect, part in plan.terms(own) if effect.kind == sign_by_way(1).kind]
+    turning: FloatArray = np.abs(own[:, sides]).max(axis=1)
+    for part in by_way:
+        turning += np.abs(part).sum(axis=1)
+    return turning
 
 
 def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
