@@ -433,6 +433,8 @@ def test_unknown_laws_are_refused(small, small_run):
         ValueError, match="friction_law must be one of coulomb_viscous, smooth, stribeck, paper, found 'dahl'"
     ):
         ThreeLoopIdentifier(small, friction_law="dahl").fit(small_run)
+    with pytest.raises(ValueError, match="or one per joint; found 3"):
+        ThreeLoopIdentifier(small, friction_law=3).fit(small_run)
     with pytest.raises(ValueError, match="friction_law 'smooth' is a law for all joints; give it alone"):
         ThreeLoopIdentifier(small, friction_law=("smooth", "paper", "paper")).fit(small_run)
     with pytest.raises(ValueError, match="one law or 3, one per joint; found 2"):

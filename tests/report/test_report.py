@@ -318,6 +318,17 @@ def test_numbers_units_and_words(folder: Path) -> None:
     assert "None" not in text
 
 
+def test_the_shape_of_a_smooth_law_is_shown_whole(tmp_path: Path) -> None:
+    result = make_result(2)
+    shapes = result["parameters"]["friction_shape"]
+    plain = write_report(write_inputs(tmp_path / "plain", result, make_table(2, 200))).read_text(encoding="utf-8")
+    shapes[1] |= {"sharpness": 1.75}
+    text = write_report(write_inputs(tmp_path / "smooth", result, make_table(2, 200))).read_text(encoding="utf-8")
+    assert "Sharpness" in text
+    assert "1.75" in text
+    assert "Sharpness" not in plain
+
+
 def test_units_of_current_and_prismatic_joints(tmp_path: Path) -> None:
     result = make_result(2)
     result["torque_unit"] = "A"

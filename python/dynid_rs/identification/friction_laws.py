@@ -7,7 +7,7 @@ sign rounded by a width and a sharpness (`smooth_friction.py`), on all joints or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +41,8 @@ def laws_per_joint(law: str | Sequence[str], n_joints: int) -> tuple[str, ...]:
     ValueError
         No such law, or not one per joint.
     """
+    if not isinstance(law, Iterable):
+        raise ValueError(f"friction_law must be one of {', '.join(LAWS)}, or one per joint; found {law!r}")
     laws = (law,) * n_joints if isinstance(law, str) else tuple(law)
     unknown = [name for name in laws if name not in LAWS]
     if unknown:

@@ -114,7 +114,15 @@ RESULT_SHAPE: Mapping[str, Any] = {
     "parameters?": {
         "base?": [{"link?": str, **_PARAMETER}],
         "joint?": [{"joint": str, **_PARAMETER}],
-        "friction_shape?": [{"joint": str, "velocity_threshold?": float, "transition_width?": float, "unit?": str}],
+        "friction_shape?": [
+            {
+                "joint": str,
+                "velocity_threshold?": float,
+                "transition_width?": float,
+                "sharpness?": float,
+                "unit?": str,
+            }
+        ],
     },
     "encoder_delay?": {"value": ("per joint", float), "interval?": ("per joint", "interval"), "unit?": str},
     "base_parameters?": {"n_base?": float, "n_standard?": float, "gap?": float, "condition_number?": float},

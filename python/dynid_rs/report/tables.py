@@ -188,16 +188,19 @@ def delay_table(result: Result, delay: Result) -> str:
 
 
 def shape_table(shapes: Sequence[Result]) -> str:
-    """Where friction turns from one direction to the other; thresholds where the law has some."""
+    """Where friction turns from one direction to the other, and how; what no joint's law has is left out."""
     thresholds = any(s.get("velocity_threshold") for s in shapes)
+    sharpness = any(s.get("sharpness") for s in shapes)
     rows = [
         [
             esc(s["joint"]),
             *([cell(significant(s.get("velocity_threshold")))] if thresholds else []),
             cell(significant(s.get("transition_width"))),
             esc(unit_text(s.get("unit"))),
+            *([cell(significant(s.get("sharpness")))] if sharpness else []),
         ]
         for s in shapes
     ]
     head = ["Joint", *(["Velocity threshold"] if thresholds else []), "Transition width", "Unit"]
+    head += ["Sharpness"] if sharpness else []
     return table(head, rows, label="Shape of friction")
