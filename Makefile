@@ -154,6 +154,7 @@ $(VENV)/bin/python: | toolchain
 $(STAMP): $(SOURCES) | $(VENV)/bin/python
 	@echo "building dynid-rs (the first time takes some minutes)"
 	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m compileall -q python/dynid_rs # as an installed package is: else every process does, where none may write
 	@touch $@
 
 $(TOOLS): pyproject.toml $(STAMP)
