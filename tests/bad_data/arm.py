@@ -14,7 +14,8 @@ from bad_data.story import Story, Wanted, any_joint, any_run, columns_of, files_
 FloatArray = NDArray[np.float64]
 
 FELT = 10.0
-"""Times the noise of its channel: a joint that is pushed by more shows it, however strong its drive is."""
+"""Times the noise that all rows of a push together leave: a joint that is pushed by more shows it, however strong its
+drive is."""
 
 
 def mounting(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
@@ -44,7 +45,8 @@ def contact(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     torque = _pushed(made, s.q, link, force / np.linalg.norm(force)) * np.sin(np.pi * phase)[:, None]
     ratio = np.abs(torque).max(axis=0) / made.world.torque_std
     torque *= float(rng.uniform(0.4, 1.2)) / ratio.max()
-    felt = np.abs(torque).max(axis=0) > FELT * np.hypot(made.sensors.noise, made.sensors.quantum)
+    power = 0.5 * seconds * made.case.rate * np.abs(torque).max(axis=0) ** 2  # of half a sine
+    felt = np.sqrt(power) > FELT * np.hypot(made.sensors.noise, made.sensors.quantum)
     joints = [int(j) for j in np.flatnonzero(felt | (ratio > 0.2 * ratio.max()))]
     spoiled.columns[k] = loaded(made, k, torque)
     rows = np.searchsorted(spoiled.columns[k]["t"], [start, start + seconds])

@@ -73,6 +73,7 @@ def gaps(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     for _ in range(int(rng.integers(1, 6)) if many else 1):
         row = inner_row(rng, n)
         length = int(rng.integers(2, 9)) if many else int(rng.integers(10, max(12, n // 4)))
+        length = min(length, n - row - 10)  # what is missing at the end is no gap
         kept[row : row + length] = False
         first = min(first, row)
     rows = (first - 1, int(kept.sum())) if many else (first - 1, first + 1)

@@ -26,6 +26,7 @@ from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.results import _with_consequences
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.wording import explained_share, next_experiments, not_worse, verdict
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.evaluation import Comparison
 from dynid_rs.report import diagnosis as report_diagnosis
 from dynid_rs.runs.recording import Recording
@@ -367,6 +368,37 @@ def test_where_a_run_carries_another_load_that_is_the_error_and_not_the_robot_fi
     assert _with_consequences([load], [lost, odd, other]) == [replace(load, severity="error"), other]
     assert _with_consequences([load], [odd]) == [load]
     assert _with_consequences([], [lost, odd]) == [lost, odd]
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_what_is_wrong_with_a_run_is_the_error_where_it_lets_no_model_be_fitted(tmp_path, monkeypatch, verb):
+    """A position of 65,535 rad made coefficients that no model holds: "a coefficient ... is beyond 1e9"."""
+    robot, paths, columns = write_robot(tmp_path), write_runs(tmp_path, n_runs=1), run(1)
+    columns["q_1"][700] = 65535.0
+    odd = write(tmp_path / "odd.parquet", columns)
+
+    def fit(*_, **__):
+        raise ValueError("a coefficient of the model is beyond 1e9, more than any arm holds")
+
+    monkeypatch.setattr(ThreeLoopIdentifier, "fit", fit)
+    sentence = refusal(dynid(verb, robot, odd, "--test", *paths, "-o", tmp_path / "out"))
+    assert sentence.startswith("odd.parquet: q_1 jumps by 6.55e+04 rad at row 701")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_a_part_with_hardly_any_motion_is_left_out_and_said(tmp_path, search, verb):
+    search(made_diagnosis.clean)
+    robot, paths, columns = write_robot(tmp_path), write_runs(tmp_path, n_runs=2), run(2)
+    gap = columns["t"] > columns["t"][300]  # a second and a half, then eight
+    columns["t"] = columns["t"] + 3.0 * gap
+    split = write(tmp_path / "split.parquet", columns)
+    printed = dynid(verb, robot, paths[0], split, "--test", paths[1], "-o", tmp_path / "out")
+    assert printed.exit_code == 0, printed.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    said = [f for f in result["data"]["findings"] if "left out" in f["message"]]
+    assert [f["file"] for f in said] == ["split.parquet (part 1 of 2)"]
+    assert result["data"]["train"] == ["run_0.parquet", "split.parquet (part 2 of 2)"]
 
 
 def test_a_run_of_another_robot_is_refused(tmp_path, search):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -97,3 +98,23 @@ def told_once(findings: Iterable[Finding]) -> list[tuple[Finding, str]]:
         named = ", ".join(dict.fromkeys(name for name in also if name and name not in (first.column, first.file)))
         told.append((first, f"{first.message} (also {named})" if named else first.message))
     return told
+
+
+@contextmanager
+def blaming(findings: Iterable[Finding]) -> Iterator[None]:
+    """What is wrong with the runs is the error where it lets no model be fitted; nothing that comes of it is.
+
+    Raises
+    ------
+    DataError
+        The first finding that is an error, in the place of a ValueError of the body that names no data.
+    """
+    try:
+        yield
+    except DataError:
+        raise
+    except ValueError as error:
+        for finding in findings:
+            if finding.severity == "error":
+                raise finding.as_error() from error
+        raise

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs.commands._inputs import Settings, check_cutoff, parted_sources
+from dynid_rs.commands._inputs import Settings, check_cutoff, parted_sources, split_read
 
 if TYPE_CHECKING:
     from dynid_rs.archive import Archive, RunFile
@@ -78,17 +78,14 @@ def read_given(
     DataError, OSError, ValueError
         As `split_runs` and `Archive` do; a lone run or test runs that do not fit.
     """
-    from dynid_rs.runs.splitting import split_runs
-
     train, tested = parted_sources(runs, test, robot, settings)
     sources = [*train, *tested]
     held = _read_within(sources, memory)
     if held is None:
         return _survey(sources, len(train), test_from, memory, cutoff, say, work)
     recordings, findings = held
-    split = split_runs(recordings[: len(train)], recordings[len(train) :], test_from)
-    check_cutoff(cutoff, [*split.train, *split.test])
-    return Given(split.train, split.test, findings + ([split.finding] if split.finding else []))
+    split, said = split_read(recordings[: len(train)], recordings[len(train) :], test_from, cutoff)
+    return Given(split.train, split.test, findings + said)
 
 
 def _read_within(sources: Sequence[RunFile], memory: int) -> tuple[list[Recording], list[Finding]] | None:

@@ -136,15 +136,31 @@ def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) ->
 
 
 def read_split(
-    runs: list[Path], test: list[Path], test_from: float | None, robot: Any, settings: Settings
+    runs: list[Path],
+    test: list[Path],
+    test_from: float | None,
+    robot: Any,
+    settings: Settings,
+    cutoff: float | None = None,
 ) -> tuple[Split, list[Finding]]:
     """Read, check and split; findings on all runs."""
-    from dynid_rs.runs.splitting import split_runs
-
     train, tested = parted_sources(runs, test, robot, settings)
     recordings, findings = _read([*train, *tested])
-    split = split_runs(recordings[: len(train)], recordings[len(train) :], test_from)
-    return split, findings + ([split.finding] if split.finding else [])
+    split, said = split_read(recordings[: len(train)], recordings[len(train) :], test_from, cutoff)
+    return split, findings + said
+
+
+def split_read(
+    runs: Sequence[Recording], test: Sequence[Recording], test_from: float | None, cutoff: float | None
+) -> tuple[Split, list[Finding]]:
+    """Split runs that were read, less the parts of runs in which too little moves in the band below `cutoff` [Hz]."""
+    from dynid_rs.identification.training import parts_in_motion
+    from dynid_rs.runs.splitting import split_runs
+
+    split = split_runs(runs, test, test_from)
+    check_cutoff(cutoff, [*split.train, *split.test])
+    train, tested, said = parts_in_motion(split.train, split.test, cutoff)
+    return replace(split, train=train, test=tested), said + ([split.finding] if split.finding else [])
 
 
 def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int) -> list[Recording]:

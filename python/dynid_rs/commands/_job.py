@@ -78,6 +78,7 @@ class Job:
         ValueError, OSError
             Wrong use or unusable input; the text is a sentence.
         """
+        from dynid_rs.base.findings import blaming
         from dynid_rs.commands._given import read_given
         from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
         from dynid_rs.commands._inputs import (
@@ -120,7 +121,8 @@ class Job:
         if self.friction_law == "auto":
             say("comparing laws of friction")
             identifier.friction_law = chosen_laws(identifier, given.train, slow)
-        identifier, learned_from, findings = _fit(identifier, given, slow, say)
+        with blaming(given.findings):
+            identifier, learned_from, findings = _fit(identifier, given, slow, say)
         if sound:
             say("contacts")
             given.findings += contacts_beside(identifier, given.train, given.test)

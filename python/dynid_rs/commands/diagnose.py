@@ -77,7 +77,6 @@ def diagnose(
         known_terms,
     )
     from dynid_rs.commands._inputs import (
-        check_cutoff,
         read_robot,
         read_rules,
         read_settings,
@@ -100,8 +99,7 @@ def diagnose(
             raise ValueError(f"--prior must be auto or robot, found {prior!r}; a diagnosis needs one")
         options = identifier_options("joint_variance", prior, cutoff, "smooth")
         options["known"] = known_terms(known, model)
-        split, findings = read_split(runs, test or [], test_from, model, settings)
-        check_cutoff(cutoff, [*split.train, *split.test])
+        split, findings = read_split(runs, test or [], test_from, model, settings, cutoff)
         check_torque(split.test)
         more = {} if reference is None else {"reference": _reference(reference, model, split.train[0])}
         if after is not None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.findings import Finding, blaming
 from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.examination import examine
@@ -115,8 +116,7 @@ def _traced(
     """The loop itself."""
     setup, before, findings = examine(setup, train, test, on_progress)
     if before is None:
-        fit = setup.identifier(residual=None).fit(list(train))
-        return Diagnosis(setup, fit, fit, findings=findings)
+        return _of_errors(setup, train, findings)
     if not isinstance(before.friction_, SmoothFrictionIdentifier):
         raise ValueError("a diagnosis needs the smooth law of friction; leave friction_law out of the setup's options")
     check_motion([before.states(recording) for recording in test])  # before the long part
@@ -165,6 +165,13 @@ def _traced(
     )
 
 
+def _of_errors(setup: Setup, train: Sequence[Recording], findings: list[Finding]) -> Diagnosis:
+    """The declared model alone, beside what is wrong with the runs."""
+    with blaming(findings):
+        fit = setup.identifier(residual=None).fit(list(train))
+    return Diagnosis(setup, fit, fit, findings=findings)
+
+
 def _compared(
     setup: Setup,
     train: Sequence[Recording],
@@ -174,9 +181,9 @@ def _compared(
 ) -> Diagnosis:
     """What has changed against a reference; the model with what was found is the reference with it."""
     said = channel_errors(setup.robot, train, test)
-    fit = setup.identifier(residual=None).fit(list(train))
     if any(finding.severity == "error" for finding in said):
-        return Diagnosis(setup, fit, fit, findings=said)
+        return _of_errors(setup, train, said)
+    fit = setup.identifier(residual=None).fit(list(train))
     on_progress("comparing with the reference")
     changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
     before, after = copy(fit), copy(fit)

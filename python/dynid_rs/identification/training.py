@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.findings import Finding
 from dynid_rs.model.known import KnownTerm
 from dynid_rs.regression.kept_columns import kept_answer
-from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare, without
+from dynid_rs.runs.parts import is_part
+from dynid_rs.runs.preprocessing import TOO_LITTLE, Band, States, choose_band, common_rate, prepare, without
 from dynid_rs.runs.recording import Delay, Recording
 
 FloatArray = NDArray[np.float64]
@@ -90,6 +93,36 @@ def check_motion(runs: Sequence[States]) -> None:
                 f"only {seconds:.3g} s of motion are left to test on after standstill is taken out",
                 "test on a longer motion",
             )
+
+
+def parts_in_motion(
+    train: Sequence[Recording], test: Sequence[Recording], cutoff: float | None
+) -> tuple[list[Recording], list[Recording], list[Finding]]:
+    """Runs without the parts (`runs/parts.py`) in which too little moves to learn from or to test on; which were left.
+
+    Whole runs stay, and where nothing else would be left parts do too: for them it is said as an error.
+    """
+    rate = common_rate(list(train))
+    band = Band(cutoff) if cutoff is not None else choose_band(list(train))
+    said: list[Finding] = []
+
+    def moving(recordings: Sequence[Recording], look: Callable[[Recording], object]) -> list[Recording]:
+        kept = []
+        for recording in recordings:
+            try:
+                if is_part(recording.name):
+                    look(recording)
+            except DataError as error:
+                if error.code != TOO_LITTLE:
+                    raise
+                said.append(Finding("long_gap", "info", f"{error}; this part is left out", recording.name))
+            else:
+                kept.append(recording)
+        return kept or list(recordings)
+
+    learned = moving(train, lambda recording: prepare_training_run(recording, band, rate))
+    tested = moving(test, lambda recording: check_motion([prepare(recording, band, rate)]))
+    return learned, tested, [f for f in said if f.file not in {r.name for r in (*learned, *tested)}]
 
 
 def prepare_training_runs(

@@ -57,6 +57,11 @@ def part_name(name: str, k: int, n_parts: int) -> str:
     return f"{name}{PART}{k + 1} of {n_parts})"
 
 
+def is_part(name: str) -> bool:
+    """Whether a run's name is that of a part."""
+    return PART in name
+
+
 def whole_name(name: str) -> str:
     """Name of the run that a part is of, or of the run itself."""
     return name.partition(PART)[0]

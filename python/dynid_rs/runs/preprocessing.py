@@ -48,6 +48,8 @@ REST_TIME = 1.0
 the whole arm, and what is below a rounded sign is told by them alone."""
 LEAST_MOTION = 0.5
 """Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
+TOO_LITTLE = "too_little_motion"
+"""Code of the error that a run does not move enough."""
 LEAST_TOLD = 20
 """Rows in motion below which a joint is told by all of its rows, rests or not."""
 
@@ -74,11 +76,11 @@ class Band:
     def too_little(self, name: str, text: str, mend: str) -> DataError:
         """Error that a run is too little for this band: of that run, or of the slower one that narrows the band."""
         if self.slowest in (None, name):
-            return DataError(f"{name}: {text}; {mend}", code="too_little_motion", file=name)
+            return DataError(f"{name}: {text}; {mend}", code=TOO_LITTLE, file=name)
         return DataError(
             f"{self.slowest}: its sampling rate narrows the band of all runs to {self.cutoff:.3g} Hz: {name}: {text}; "
             "check its t, sample it as the others are sampled, or leave it out",
-            code="too_little_motion",
+            code=TOO_LITTLE,
             file=self.slowest,
         )
 

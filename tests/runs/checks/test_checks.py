@@ -351,6 +351,32 @@ def test_the_step_of_a_lattice_is_the_one_that_all_differences_hold():
     assert lattice_step(np.arange(100.0)) == 0.0  # as many values as samples
 
 
+def test_a_coarse_channel_is_seen_where_a_fast_joint_hardly_repeats_a_value():
+    """At 120 Hz .01 rad a row, in steps of .0024 rad: half of all values are there once."""
+    t = np.arange(1700) / 121.0
+    q = (1.1 * np.sin(1.5 * t) + 0.3 * np.sin(0.7 * t))[:, None]
+    coarse = 0.0024 * np.round(q / 0.0024)
+    assert 3 * len(np.unique(coarse)) > len(t)
+    found = [f for f in check_recording(Recording(t, coarse, tau=np.cos(q))) if f.code == "lost_bits"]
+    assert [f.value for f in found] == [pytest.approx(0.0024)]
+    t = t[:700]
+    there_and_back = np.abs(t - 3.0)[:, None]  # at constant speed: equal steps, and the same ones on the way back
+    assert "lost_bits" not in {
+        f.code for f in check_recording(Recording(t, there_and_back, tau=np.sin(5 * t)[:, None]))
+    }
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_rows_that_lie_about_a_turn_away_and_come_back_are_damaged(rows):
+    """An angle that starts again stays where it is for longer."""
+
+    def change(a):
+        a["q"][700 : 700 + rows, 2] += 5.1
+
+    codes = {f.code for f in check(change) if f.severity == "error" and f.column == "q_2"}
+    assert codes == {"position_jump"}
+
+
 @pytest.mark.parametrize("every", [8, 40])
 def test_a_bit_that_hangs_is_seen_however_often(every):
     """Noise is what most steps are off by: jumps at every eighth sample are none of it."""

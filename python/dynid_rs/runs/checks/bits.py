@@ -19,6 +19,10 @@ COARSE_FACTOR = 20.0
 """A joint's step over the median of the others': encoders of one arm differ by the ratios of their gears."""
 FEW_LEVELS = 32
 """Different values over a moving joint's whole torque: five bits."""
+MOST_LEVELS = 0.9
+"""Different values over samples: nearly as many as there are samples repeat nothing."""
+SEVERAL = 4
+"""Multiples of its step that a coarse channel goes on by, none included."""
 SAME = 0.1
 """Jumps of a bit that hangs are equal but for the motion in between: spread over size."""
 LEAST_JUMPS = 4
@@ -59,11 +63,12 @@ def check_bits(rec: Recording) -> Iterator[Finding]:
 def lattice_step(values: FloatArray) -> float:
     """Step of which all differences of a column (n,) are multiples; 0 where there is none to be seen.
 
-    A step is one if the values are far fewer than the samples and no difference of neighbours among them is off a whole
-    number of the smallest.
+    A step is one if the values are fewer than the samples and no difference of neighbours among them is off a whole
+    number of the smallest. Where they are not far fewer, a motion at constant speed may have made them; one that goes
+    in several multiples of the step is another.
     """
     levels = np.unique(values)
-    if len(levels) < 2 or 3 * len(levels) > len(values):
+    if len(levels) < 2 or len(levels) > MOST_LEVELS * len(values):
         return 0.0
     gaps = np.diff(levels)
     rounding = 1e-9 * max(abs(levels[0]), abs(levels[-1]))
@@ -72,7 +77,10 @@ def lattice_step(values: FloatArray) -> float:
         return 0.0
     step = float(gaps.min())
     off = np.abs(gaps / step - np.round(gaps / step))
-    return step if float(np.max(off)) < 0.05 else 0.0
+    if float(np.max(off)) >= 0.05:
+        return 0.0
+    multiples = np.unique(np.round(np.abs(np.diff(values)) / step))
+    return step if 3 * len(levels) <= len(values) or len(multiples) > SEVERAL else 0.0
 
 
 def _jumps(values: FloatArray) -> tuple[IntArray, float] | None:

@@ -214,12 +214,17 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
 
 
 def _turns(rec: Recording, signal: str, values: FloatArray, joint: int) -> NDArray[np.intp]:
-    """Rows (k,) after which an angle goes on a whole turn beside where it was."""
+    """Rows (k,) after which an angle goes on a whole turn beside where it was; lone rows that come back are spikes."""
     none = np.zeros(0, dtype=np.intp)
     if extent(rec, signal).largest_step[joint] < np.pi:
         return none
-    sizes = np.abs(np.diff(values))
-    return np.flatnonzero(np.abs(sizes - TURN) < 0.2 * TURN) if np.percentile(sizes, 95) < 1.0 else none
+    steps = np.diff(values)
+    sizes = np.abs(steps)
+    if np.percentile(sizes, 95) >= 1.0:
+        return none
+    turns = np.flatnonzero(np.abs(sizes - TURN) < 0.2 * TURN)
+    back = np.flatnonzero((np.diff(turns) <= LONGEST) & (np.diff(np.sign(steps[turns])) != 0))
+    return np.delete(turns, np.concatenate([back, back + 1]))
 
 
 def _unwrapped(values: FloatArray, turns: NDArray[np.intp]) -> FloatArray:
