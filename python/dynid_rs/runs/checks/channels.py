@@ -259,9 +259,10 @@ def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterat
     # A longer step of time explains a longer way, a shorter one does not: stamps jitter more than samples.
     steps = np.abs(np.diff(values)) / np.maximum(dt / rec.median_step, 1.0)
     usual = float(np.percentile(steps, 99))
-    row = int(np.argmax(steps))
-    size = float(abs(values[row + 1] - values[row]))
-    if size > MIN_JUMP and steps[row] > JUMP_FACTOR * usual:
+    jumps = (np.abs(np.diff(values)) > MIN_JUMP) & (steps > max(JUMP_FACTOR * usual, 0.5 * steps.max()))
+    if jumps.any():
+        row = int(np.argmax(jumps))  # of a jump and the way back the jump
+        size = float(abs(values[row + 1] - values[row]))
         yield Finding(
             "position_jump",
             "error",
@@ -269,7 +270,7 @@ def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterat
             "lost samples or a broken channel: cut these rows out",
             rec.name,
             column,
-            (row, row + 2),
+            (row + 1, row + 2),
             size,
             "rad",
         )
