@@ -191,7 +191,7 @@ CASES = {
     "frozen_to_the_end": (freeze("q", 0, 1000, N), "stuck", "error", "q_0", r"rows 1001 to 1200"),
     "clipped": (clip(2, 0.6), "saturated", "error", "tau_2", "largest value .* saturated"),
     "wrapped": (wrap, "wrapped", "error", "q_1", "whole turn .* unwrap"),
-    "jump": (jump, "position_jump", "error", "q_2", "jumps by 0.49. rad at row 701"),
+    "jump": (jump, "position_jump", "error", "q_2", "jumps by 0.457 rad at row 701"),
     "degrees": (to_degrees, "units_degrees", "warning", "q_0", r"angle = \"deg\""),
     "dq_degrees": (spoil("dq", 0, lambda a: a["dq"][:, 0] * 180 / np.pi), "dq_disagrees", "warning", "dq_0", "deg/s"),
     "dq_rpm": (spoil("dq", 0, lambda a: a["dq"][:, 0] * 30 / np.pi), "dq_disagrees", "warning", "dq_0", "rpm"),
