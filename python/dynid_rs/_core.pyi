@@ -53,7 +53,6 @@ __all__ = [
     "effect_columns",
     "effect_torque",
     "extent",
-    "filtered_friction_basis",
     "fit_mixture",
     "fold",
     "friction_basis",
@@ -74,6 +73,7 @@ __all__ = [
     "read_contact",
     "read_watch",
     "residual_inputs",
+    "sign_slopes",
     "slope",
     "triangular_factor",
     "true_motion",
@@ -1571,22 +1571,6 @@ def observe(
         Shapes disagree, an index is out of range, or the run is shorter than the filter's padding.
     """
 
-def filtered_friction_basis(
-    dq: ArrayLike,
-    velocity_threshold: float,
-    transition_width: float,
-    *,
-    filter: _Filter | None = None,
-    kept: Sequence[int],
-) -> _FloatArray:
-    """`friction_basis`, filtered and decimated like everything else: (n_kept, 8).
-
-    Raises
-    ------
-    ValueError
-        As `friction_basis`; `dq` is shorter than the filter's padding, or a kept sample is behind its end.
-    """
-
 def fold(
     robot: RobotModel,
     effects: Sequence[Effect],
@@ -1652,6 +1636,24 @@ def low_pass(x: ArrayLike, filter: _Filter | None) -> _FloatArray:
     ------
     ValueError
         There are no more samples than padding.
+    """
+
+def sign_slopes(
+    dq: ArrayLike,
+    transition_width: float,
+    sharpness: float,
+    *,
+    filter: _Filter | None = None,
+    kept: Sequence[int],
+) -> _FloatArray:
+    """Change of a smooth law's sign with its shape at speeds `dq` (n_samples,), filtered and decimated: (n_kept, 4).
+
+    Of `s` and `|s|` with the logarithm of the width, then of both with that of the sharpness.
+
+    Raises
+    ------
+    ValueError
+        A shape that is not positive; `dq` is shorter than the filter's padding, or a kept sample is behind its end.
     """
 
 def slope(x: ArrayLike, rate: float) -> _FloatArray:

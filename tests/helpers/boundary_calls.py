@@ -232,9 +232,9 @@ def calls(folder: Path) -> dict[str, Call]:
         ),
         "with_adapted": (_core.with_adapted, _positional(model, [1.1] * N, (1.0, 0.1, 0.0, 0.0))),
         "observe": (_core.observe, {**_positional(*observed), "filter": low_pass, "kept": kept, **of_effect}),
-        "filtered_friction_basis": (
-            _core.filtered_friction_basis,
-            {**_positional(dq[:, 0], 0.01, 0.1), "filter": low_pass, "kept": kept},
+        "sign_slopes": (
+            _core.sign_slopes,
+            {**_positional(dq[:, 0], 0.01, 1.5), "filter": low_pass, "kept": kept},
         ),
         "fold": (_core.fold, {**_positional(*observed), "filter": low_pass, "kept": kept, **of_effect}),
         "weighted_fit": (

@@ -11,6 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from dynid_rs import RobotModel, ThreeLoopIdentifier, _core
 from dynid_rs.identification.smooth_friction import FIRST_SHARPNESS, FIRST_WIDTH, SmoothFrictionIdentifier
 from dynid_rs.model.assembly import evaluate
+from dynid_rs.regression.kept_columns import effect_rows
+from dynid_rs.regression.uncertainty import WIDTH_STEP, law_slopes
+from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
 N = 6
@@ -114,6 +117,28 @@ def test_a_start_is_only_improved(robot, frictionless):
     found = fit(robot, made[:TEST_RUN], friction=SmoothFrictionIdentifier(start)).friction_
     assert np.all((found.transition_width_ > 0.4 * width) & (found.transition_width_ < 2.0 * width))
     assert_allclose(found.sharpness_, start[1], rtol=0.5)
+
+
+@pytest.mark.parametrize("law", ["smooth", "paper"])
+def test_slopes_are_what_the_filtered_friction_changes_by(robot, frictionless, law):
+    """Both shape parameters of every joint, against a central difference of the effect itself."""
+    states = prepare(frictionless[1][0], Band(6.0), 100.0)
+    shape = {"transition_width": np.geomspace(0.003, 0.2, 6)}
+    shape |= {"sharpness": np.linspace(0.8, 6.0, 6)} if law == "smooth" else {"velocity_threshold": np.full(6, 0.01)}
+    friction = _core.Effect.of({"smooth": "smooth_friction", "paper": "friction"}[law], **shape)
+    own = np.random.default_rng(3).normal(size=friction.n_columns)
+    names = ["transition_width", "sharpness"] if law == "smooth" else ["transition_width"]
+    step, close = (1e-5, 1e-6) if law == "smooth" else (WIDTH_STEP, 0.0)  # of the paper's law it is one
+    for j in range(6):
+        slopes = law_slopes(friction, states, j, own)
+        assert slopes.shape == (len(states.rows), len(names))
+        for k, name in enumerate(names):
+            ends = []
+            for factor in (1 + step, 1 - step):
+                other = shape | {name: shape[name] * factor}
+                ends.append(effect_rows(_core.Effect.of(friction.kind, **other), states, j) @ own)
+            wanted = (ends[0] - ends[1]) / (2 * step) * states.counted[:, j]
+            assert_allclose(slopes[:, k], wanted, rtol=0, atol=(close + 1e-9) * np.abs(wanted).max())
 
 
 def test_before_a_fit_the_shape_is_the_usual_one():

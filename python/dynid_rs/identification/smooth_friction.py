@@ -22,7 +22,7 @@ from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior
 from dynid_rs.regression.priors import usual_torque
-from dynid_rs.regression.uncertainty import shape_slope
+from dynid_rs.regression.uncertainty import law_slopes
 from dynid_rs.runs.preprocessing import States, top_speed
 
 FloatArray = NDArray[np.float64]
@@ -246,10 +246,7 @@ def _at_least(posterior: Posterior, observations: Observations) -> FloatArray:
 def shape_slopes(plan: Plan, links: LinkDynamicsIdentifier, runs: Sequence[States], j: int) -> FloatArray:
     """Change of joint j's filtered friction with the logarithm of each shape parameter of its law, (n_rows, k)."""
     friction, at = plan.friction
-    own = links.own_[j, at]
-    names = [name for name, _ in friction.shape if name != "velocity_threshold"]
-    slopes = [np.concatenate([shape_slope(friction, name, states, j, own) for states in runs]) for name in names]
-    return np.stack(slopes, axis=1)
+    return np.concatenate([law_slopes(friction, states, j, links.own_[j, at]) for states in runs])
 
 
 def _doubt(width: float, sharpness: float, top: float) -> float:

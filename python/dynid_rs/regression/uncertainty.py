@@ -159,25 +159,31 @@ def _known_columns(
 
 def width_slope(plan: Plan, states: States, j: int, coefficients: FloatArray) -> FloatArray:
     """Change of joint j's filtered friction with the logarithm of its width, (n_rows,)."""
-    return shape_slope(plan.friction[0], "transition_width", states, j, coefficients)
-
-
-def shape_slope(
-    effect: _core.Effect, name: str, states: States, j: int, coefficients: FloatArray, step: float = WIDTH_STEP
-) -> FloatArray:
-    """Change of an effect's filtered torque on joint j with the logarithm of a shape parameter, (n_rows,).
-
-    Zero where the joint rests.
-    """
-    ends = []
-    for factor in (1 + step, 1 - step):
-        shape = {key: np.array(values, dtype=np.float64) for key, values in effect.shape}
-        shape[name] = shape[name] * factor
-        there = _core.Effect.of(effect.kind, **shape)
-        columns = effect_rows(there, states, j)
-        ends.append(columns @ coefficients)
-    slope: FloatArray = (ends[0] - ends[1]) / (2 * step) * states.counted[:, j]
+    slope: FloatArray = law_slopes(plan.friction[0], states, j, coefficients)[:, 0]
     return slope
+
+
+def law_slopes(friction: _core.Effect, states: States, j: int, coefficients: FloatArray) -> FloatArray:
+    """Change of a law's filtered torque on joint j with the logarithm of each shape parameter, (n_rows, k).
+
+    Width first, then the sharpness where it has one; of the paper's law by a central difference. Zero where the joint
+    rests.
+    """
+    shape = {name: np.array(values, dtype=np.float64) for name, values in friction.shape}
+    width = shape["transition_width"]
+    if "sharpness" in shape:
+        own = float(width[j]), float(shape["sharpness"][j])
+        speed = np.ascontiguousarray(states.dq_motor[:, j])
+        sign = _core.sign_slopes(speed, *own, filter=states.filter, kept=states.kept)
+        slopes = sign.reshape(-1, 2, 2) @ coefficients[:2]  # of s and |s|, which the first two are the sizes of
+    else:
+        wider, narrower = (
+            effect_rows(_core.Effect.of(friction.kind, **shape | {"transition_width": width * factor}), states, j)
+            for factor in (1 + WIDTH_STEP, 1 - WIDTH_STEP)
+        )
+        slopes = ((wider - narrower) @ coefficients / (2 * WIDTH_STEP))[:, None]
+    result: FloatArray = slopes * states.counted[:, [j]]
+    return result
 
 
 def _prior_rows(links: FittedLinks, used: NDArray[np.bool_], width: int) -> FloatArray:

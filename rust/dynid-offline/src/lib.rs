@@ -28,6 +28,7 @@ pub mod observation;
 pub mod points;
 mod probes;
 mod rows;
+pub mod sign_slopes;
 pub mod slope;
 mod triangle;
 pub mod weighted;

@@ -79,7 +79,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::fold, m)?)?;
     m.add_function(wrap_pyfunction!(offline::weighted_fit, m)?)?;
     m.add_function(wrap_pyfunction!(offline::processor_path, m)?)?;
-    m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::sign_slopes, m)?)?;
     m.add_function(wrap_pyfunction!(offline::low_pass, m)?)?;
     m.add_function(wrap_pyfunction!(offline::extent, m)?)?;
     m.add_function(wrap_pyfunction!(offline::slope, m)?)?;

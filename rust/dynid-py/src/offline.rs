@@ -1,14 +1,12 @@
 //! Rows and factors in Python.
 
-use dynid_core::effects::N_FRICTION;
 use dynid_core::lanes::{use_path, Path};
-use dynid_offline::filter::LANES;
-use dynid_offline::friction_basis::friction_basis;
+use dynid_offline::sign_slopes::{sign_slopes as slopes_of_sign, N_SLOPES};
 use dynid_offline::{OfflineError, RunStates, Sampling, ZeroPhase};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::effects::{check_shape, PyEffect};
+use crate::effects::PyEffect;
 use crate::lists::{optional, List};
 use crate::robot::PyRobotModel;
 use crate::run::{Predicted, RunArrays};
@@ -256,20 +254,27 @@ pub fn processor_path(path: Option<&str>) -> PyResult<&'static str> {
     Ok(dynid_core::lanes::path().name())
 }
 
-/// Friction basis at speeds `dq` of one joint, filtered and decimated like everything else: (n_kept, 8).
+/// What a smooth law's sign changes by with its shape at speeds `dq` of one joint, filtered and decimated: (n_kept, 4).
 #[pyfunction]
-#[pyo3(signature = (dq, velocity_threshold, transition_width, *, filter=None, kept))]
-pub fn filtered_friction_basis<'py>(
+#[pyo3(signature = (dq, transition_width, sharpness, *, filter=None, kept))]
+pub fn sign_slopes<'py>(
     py: Python<'py>,
     dq: &Bound<'py, PyAny>,
-    velocity_threshold: f64,
     transition_width: f64,
+    sharpness: f64,
     filter: FilterParts<'py>,
     kept: List<usize>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    const { assert!(N_FRICTION == LANES) }
     let dq = arrays::vector(dq, "dq", None)?;
-    check_shape(velocity_threshold, transition_width)?;
+    if !(transition_width > 0.0
+        && transition_width.is_finite()
+        && sharpness > 0.0
+        && sharpness.is_finite())
+    {
+        return Err(errors::value(format!(
+            "transition_width and sharpness must be positive, found {transition_width} and {sharpness}"
+        )));
+    }
     let dq = dq.as_slice()?;
     let sampling = sampling(filter, kept.0)?;
     if dq.len() < sampling.filter.min_samples() || sampling.kept.iter().any(|&k| k >= dq.len()) {
@@ -278,11 +283,12 @@ pub fn filtered_friction_basis<'py>(
         ));
     }
     let rows = py.detach(|| {
-        let mut columns = friction_basis(dq, velocity_threshold, transition_width);
+        let mut columns = slopes_of_sign(dq, transition_width, sharpness);
         sampling.filter.apply(&mut columns, &mut Vec::new());
-        sampling.kept.iter().flat_map(|&k| columns[k]).collect()
+        let kept = sampling.kept.iter().flat_map(|&k| &columns[k][..N_SLOPES]);
+        kept.copied().collect()
     });
-    arrays::to_matrix(py, rows, N_FRICTION)
+    arrays::to_matrix(py, rows, N_SLOPES)
 }
 
 /// R with `R.T @ R == A.T @ A`, (width, width), upper triangular, non-negative diagonal.

@@ -30,6 +30,7 @@ pub use catalogue::CATALOGUE;
 pub use entry::Entry;
 pub use friction::{friction_columns, friction_row, FRICTION_NAMES, N_FRICTION};
 pub use motor_torque::{motor_torque_into, SIGNAL as TAU_MOTOR};
+pub use smooth_friction::sign_slope_row;
 
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};

@@ -55,6 +55,22 @@ pub(super) fn smooth_row<L: Lanes>(v: L, e: L, p: L) -> [L; N_COLUMNS] {
     [s, s.abs(), v, size, v * size, v * v]
 }
 
+/// Change of a row of signs with the logarithms of width and sharpness.
+///
+/// With u = |v| / e and w = u^p these are `-s / (1 + w)` and `s (ln(1 + w) / p - w ln(u) / (1 + w))`. Beyond the width both are
+/// written by 1 / w, so that a power is only ever taken of what is at most one; the second looks the same then.
+#[inline(always)]
+pub fn sign_slope_row<L: Lanes>(v: L, e: L, p: L) -> [L; 2] {
+    let (size, one) = (v.abs(), L::splat(1.0));
+    let ratio = (size.at_most(e) / size.at_least(e)).at_least(L::splat(f64::MIN_POSITIVE));
+    let log = lanes::ln(ratio);
+    let power = lanes::exp(p * log);
+    let (whole, part) = (one + power, lanes::ln(one + power) / p);
+    let s = (lanes::exp(-part) * size.if_less(e, ratio, one)).xor(v.sign());
+    let width = -(s * size.if_less(e, one, power) / whole);
+    [width, s * (part - power * log / whole)]
+}
+
 /// The sign of `v` as friction has it: [`rounded_sign`], or `tanh(v / e)` where the sharpness is zero.
 #[must_use]
 pub fn friction_sign(v: f64, e: f64, p: f64) -> f64 {
@@ -81,7 +97,10 @@ pub fn columns(
 
 #[cfg(test)]
 mod tests {
-    use super::{friction_sign, rounded_sign};
+    use super::{friction_sign, rounded_sign, sign_slope_row};
+    use crate::lanes::{Lanes, Portable};
+
+    type Number = Portable<1, false>;
 
     const SPEEDS: [f64; 9] = [
         f64::MIN_POSITIVE,
@@ -102,6 +121,40 @@ mod tests {
                 let formula = v / (f64::powf(v, p) + f64::powf(0.02, p)).powf(1.0 / p);
                 let s = rounded_sign(v, 0.02, p);
                 assert!((s - formula).abs() < 1e-14 * formula, "{v} {p}");
+            }
+        }
+    }
+
+    #[test]
+    fn its_slopes_are_what_it_changes_by() {
+        let slopes = |v: f64, e: f64, p: f64| {
+            sign_slope_row(Number::splat(v), Number::splat(e), Number::splat(p)).map(|x| x.raw()[0])
+        };
+        let (e, step) = (0.02_f64, 1e-5_f64);
+        let (more, less) = (step.exp(), (-step).exp());
+        for p in [0.5, 1.0, 2.5, 6.0] {
+            for v in [
+                -30.0, -0.02, -1e-5, 1e-7, 0.003, 0.0199, 0.02, 0.0201, 0.05, 0.7,
+            ] {
+                let [width, sharpness] = slopes(v, e, p);
+                let by_width =
+                    (rounded_sign(v, e * more, p) - rounded_sign(v, e * less, p)) / (2.0 * step);
+                let by_sharpness =
+                    (rounded_sign(v, e, p * more) - rounded_sign(v, e, p * less)) / (2.0 * step);
+                assert!(
+                    (width - by_width).abs() < 1e-9,
+                    "{v} {p}: {width} {by_width}"
+                );
+                assert!(
+                    (sharpness - by_sharpness).abs() < 1e-9,
+                    "{v} {p}: {sharpness} {by_sharpness}"
+                );
+            }
+            for v in [0.0, f64::MIN_POSITIVE, f64::MAX] {
+                assert!(
+                    slopes(v, e, p).iter().all(|slope| slope.abs() < 1e-3),
+                    "{v} {p}"
+                );
             }
         }
     }
