@@ -74,8 +74,8 @@ def table(result: Result) -> str:
     lines += [f"That is what `dynid {command}` says of them." for command in sorted({one.command for one in told})]
     for command in sorted({one.command for one in result.alike}):
         of = [one for one in result.alike if one.command == command]
-        named = sum(one.mark.named for one in of)
-        lines.append(f"`dynid {command}`, asked of the first of each class: {named} of {len(of)} named right.")
+        found, named = sum(one.mark.found for one in of), sum(one.mark.named for one in of)
+        lines.append(f"`dynid {command}`, asked the same: of {len(of)} {found} found, {named} named right.")
     n_runs, alarmed = recordings(result.clean)
     lines += ["", f"Clean recordings: {n_runs}, with a false alarm: {alarmed}. By code: {_by_code(result.clean)}."]
     effects, stopped = result.effects, sum(bool(one.alarms) for one in result.effects)

@@ -4,8 +4,8 @@ python tests/bad_data/run.py [--seed 1] [--classes wrap,sign] [--variants 0,1] [
                              [--alike 23] [--clean 200] [--effects 100] [--page docs/measured/bad_data.md] [--keep DIR]
 
 Without --seed a fresh one is drawn from the clock, 1000 or more: those are for reporting. Seeds below 1000 are for
-choosing. 23 classes, 5 variants, 3 arms (of five, six and seven joints); the first variant of each class asked of all
-commands; 200 clean recordings; 100 cases of the exam with effects in them.
+choosing. 23 classes, 5 variants, 3 arms (of five, six and seven joints), each asked of all commands; 200 clean
+recordings; 100 cases of the exam with effects in them.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told = [one for future in waiting for one in future.result()]
         others = [command for command in COMMANDS if command != options.command]
         names = options.classes[: options.alike]
-        waiting = [pool.submit(_told, keep, seed, *places[0], names, command) for command in others]
+        waiting = [pool.submit(_told, keep, seed, *place, names, command) for command in others for place in places]
         alike = [one for future in waiting for one in future.result()]
         first = 100_000 + 1000 * seed
         clean = _until(pool, keep, tell_clean, first, lambda found: sum(one.n_runs for one in found) >= options.clean)
