@@ -13,7 +13,7 @@ FOLLOWS = ("refused",)
 
 @dataclass(frozen=True)
 class Said:
-    """One thing that was said: a finding, or the error that ended the command."""
+    """One thing that was said: a finding, an effect, or the error that ended the command; `file` "" is of all runs."""
 
     severity: str
     code: str
@@ -43,7 +43,7 @@ def said_by(answer: dict[str, Any]) -> list[Said]:
     if "error" in answer:
         return [_said({**answer["error"], "severity": "error"}, "")]
     if "runs" not in answer:
-        return [_said(finding, "") for finding in answer["data"]["findings"]]
+        return [*(_said(finding, "") for finding in answer["data"]["findings"]), *_effects(answer)]
     found = [_said(finding, "") for finding in answer.get("robot_findings", [])]
     found += [_said(finding, "") for finding in answer.get("findings", [])]
     for run in answer["runs"]:
@@ -51,6 +51,16 @@ def said_by(answer: dict[str, Any]) -> list[Said]:
         if "error" in run:
             found.append(_said({**run["error"], "severity": "error"}, name))
         found += [_said(finding, name) for finding in run.get("findings", [])]
+    return found
+
+
+def _effects(answer: dict[str, Any]) -> list[Said]:
+    """What a diagnosis has found in the torque channels, joint by joint: it explains what others have to refuse."""
+    found = []
+    for effect in answer.get("effects", []):
+        if effect["kind"] == "torque_delay":
+            columns = [f"tau_{answer['joints'].index(joint)}" for joint in effect["joints"]]
+            found += [Said("info", "torque_late", "", column, None, None, "fitted", "") for column in columns]
     return found
 
 
@@ -92,6 +102,8 @@ def judge(said: list[Said], wanted: Wanted) -> Mark:
 
 
 def _among(file: str, wanted: Wanted) -> bool:
+    if not file:
+        return wanted.everywhere
     return any(file == name or file.startswith(f"{name} (") for name in wanted.files)
 
 
@@ -99,7 +111,8 @@ def _misplaced(one: Said, wanted: Wanted) -> str:
     """What is wrong about the place of a finding with the right name; empty where nothing is."""
     if not _among(one.file, wanted):
         return f"file {one.file or '-'}"
-    if wanted.columns and one.column not in wanted.columns:
+    of_all = not one.file and not one.column and len(wanted.columns) > 1
+    if wanted.columns and one.column not in wanted.columns and not of_all:
         return f"column {one.column or '-'}"
     if wanted.rows is not None and (one.rows is None or one.rows[1] <= wanted.rows[0] or wanted.rows[1] <= one.rows[0]):
         return f"rows {one.rows} for {wanted.rows}"

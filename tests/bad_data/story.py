@@ -22,7 +22,8 @@ class Wanted:
     `codes`: any of them is the right name. `files`: names of the bad files; one of them has to be named. `columns`: any
     of them (empty: the column says nothing). `rows`: the true range of rows, which the finding's has to touch; None
     where all rows are concerned. `words`: a word of the message that says the cause; empty if the code says it.
-    `also`: codes that may be said as errors of the bad files too, because they follow.
+    `also`: codes that may be said as errors of the bad files too, because they follow. `everywhere`: all runs are bad,
+    and it may be said of all at once.
     """
 
     codes: tuple[str, ...]
@@ -31,6 +32,7 @@ class Wanted:
     rows: tuple[int, int] | None = None
     words: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
+    everywhere: bool = False
 
 
 @dataclass(eq=False)

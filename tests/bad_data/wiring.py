@@ -86,7 +86,7 @@ def delays(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
         spoiled.columns[k].update({f"tau_{j}": late[f"tau_{j}"] for j in joints})
     code, signals = ("encoder_delay", ("q", "q_motor")) if kind == "link encoders" else ("torque_late", ("tau",))
     columns = tuple(name for signal in signals for name in columns_of(signal, joints))
-    wanted = Wanted((code,), files_of(tuple(range(made.n_runs))), columns)
+    wanted = Wanted((code,), files_of(tuple(range(made.n_runs))), columns, everywhere=True)
     return Story(f"{kind}, {1e3 * delay:.0f} ms", spoiled, wanted)
 
 

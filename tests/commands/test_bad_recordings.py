@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from helpers.run_files import write
-from helpers.small_arm import JOINTS, URDF, dynid, refusal, run, study, write_robot
+from helpers.small_arm import JOINTS, URDF, dynid, refusal, run, study, write_robot, write_runs
 
 import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
@@ -469,3 +469,20 @@ def test_python_says_what_commands_say(tmp_path):
     runs = [dyn.read_recording(path) for path in written(tmp_path, exchanged, bad=(0, 1, 2))]
     assert not any(finding.severity == "error" for finding in dyn.inspect(runs))
     assert "torque_swapped" in [finding.code for finding in dyn.inspect(runs, robot)]
+
+
+def test_a_block_that_is_written_twice_is_said_of_the_run_and_not_of_two(tmp_path):
+    robot, paths, columns = write_robot(tmp_path), write_runs(tmp_path, n_runs=1), run(1)
+    twice = write(tmp_path / "twice.parquet", {name: np.concatenate([x[:900], x[800:]]) for name, x in columns.items()})
+    sentence = refusal(dynid("identify", robot, paths[0], "--test", twice, "-o", tmp_path / "out"))
+    assert sentence.startswith("twice.parquet: time goes back, and what follows was written before")
+    assert "rows 1 to 100 holds rows of twice.parquet (part 1 of 2)" in sentence
+
+
+def test_a_position_that_hangs_for_a_few_rows_of_a_slow_logger_is_stuck(tmp_path):
+    columns = {name: x[::4] for name, x in run(0).items()}  # 50 Hz
+    row = int(np.argmax(np.abs(np.gradient(columns["q_1"]))[20:-40])) + 20
+    columns["q_1"][row : row + 8] = columns["q_1"][row]
+    slow = write(tmp_path / "slow.parquet", columns)
+    found = [f.code for f in check_recording(dyn.read_recording(slow)) if f.severity == "error"]
+    assert found == ["stuck"]

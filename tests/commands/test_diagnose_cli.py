@@ -361,13 +361,15 @@ def test_a_known_error_in_the_data_is_the_verdict_and_nothing_is_concluded():
     assert "no physics can be read" in report_diagnosis.effects(None, result)
 
 
-def test_where_a_run_carries_another_load_that_is_the_error_and_not_the_robot_file():
+def test_another_load_or_mounting_is_the_error_and_not_what_follows_from_it():
     load = Finding("payload_change", "warning", "run_1 carries about 2 kg more", "run_1", value=2.0, unit="kg")
     lost = Finding("residual_exceeds_torque", "error", "check the robot file", column="tau_0")
     odd, other = (Finding("run_unlike_others", "warning", "ten times", name) for name in ("run_1", "run_2"))
     assert _with_consequences([load], [lost, odd, other]) == [replace(load, severity="error"), other]
     assert _with_consequences([load], [odd]) == [load]
     assert _with_consequences([], [lost, odd]) == [lost, odd]
+    base = Finding("mounting", "warning", "gravity pulls elsewhere", "run_0", value=58.0, unit="deg")
+    assert _with_consequences([base], [lost, odd]) == [replace(base, severity="error"), odd]
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])

@@ -27,6 +27,8 @@ from dynid_rs.runs.recording import Recording
 FloatArray = NDArray[np.float64]
 Entry = Mapping[str, Any]
 
+CAUSES = ("payload_change", "mounting")
+"""Warnings of the runs that explain a model which leaves as much as there is."""
 N_POINTS = 400
 """Most points of a plot."""
 
@@ -168,15 +170,15 @@ def residual_table(outcome: Outcome, runs: EvaluatedRuns) -> dict[str, NDArray[A
 
 
 def _with_consequences(said: Sequence[Finding], follow: Sequence[Finding]) -> list[Finding]:
-    """What was said with what follows from it; where a run carries another load, that is the error and why.
+    """What was said with what follows from it; another load, or another mounting, is the error, and why.
 
     Units, signs and the robot file, which are to be checked where a model leaves as much as there is, are right then.
     """
-    loaded = {finding.file for finding in said if finding.code == "payload_change"}
-    if not loaded:
+    causes = [finding for finding in said if finding.code in CAUSES]
+    if not causes:
         return [*said, *follow]
-    lost = any(finding.code == CONSEQUENCE for finding in follow)
-    told = [replace(f, severity="error") if lost and f.code == "payload_change" else f for f in said]
+    lost, loaded = any(f.code == CONSEQUENCE for f in follow), {f.file for f in causes if f.code == CAUSES[0]}
+    told = [replace(f, severity="error") if lost and f in causes else f for f in said]
     return [*told, *(f for f in follow if f.code != CONSEQUENCE and f.file not in loaded)]
 
 

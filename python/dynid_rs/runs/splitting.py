@@ -12,6 +12,7 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.clocks import Clock, check_clocks
 from dynid_rs.runs.checks.repeats import Keys, common_rows, row_keys
 from dynid_rs.runs.facts import RunFacts
+from dynid_rs.runs.parts import whole_name
 from dynid_rs.runs.recording import Recording
 
 LAST_PART = 1 / 3
@@ -111,7 +112,17 @@ def refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None
 def repeated(
     name: str, earlier: str, *, is_test: bool, was_test: bool, rows: tuple[int, int] | None = None
 ) -> DataError:
-    """Error that the run `name`, or these `rows` of it, holds samples of the run `earlier`."""
+    """Error that the run `name`, or these `rows` of it, holds samples of the run `earlier`; of one run its time."""
+    if name != earlier and whole_name(name) == whole_name(earlier):
+        first, last = rows or (0, 0)
+        which = f", rows {first + 1} to {last}" if last else ""
+        return DataError(
+            f"{whole_name(name)}: time goes back, and what follows was written before: {name}{which} holds rows of "
+            f"{earlier}; cut them out",
+            code="time_stands_still",
+            file=whole_name(name),
+            column="t",
+        )
     names = name if name == earlier else f"{name} ({earlier})"
     if rows is not None:
         names = f"{name}, rows {rows[0] + 1} to {rows[1]} (of {earlier})"

@@ -15,7 +15,8 @@ from dynid_rs.runs.checks.spikes import LONGEST, lone_rows
 from dynid_rs.runs.recording import FloatArray, Recording
 
 FROZEN_SECONDS = 0.1
-FROZEN_SAMPLES = 20
+FROZEN_SAMPLES, FROZEN_POSITIONS = 20, 5
+"""Rows at least, at any rate. A position that hung is told by its jump, or by another channel: few will do."""
 FROZEN_TRAVEL = 0.02
 """Travel of the joint [rad, m] in a frozen stretch: the channel stood still, not the joint."""
 COARSE_STEPS = 2.5
@@ -111,8 +112,8 @@ def _still_joints(rec: Recording) -> Iterator[Finding]:
         )
 
 
-def _min_frozen(rec: Recording) -> int:
-    return max(FROZEN_SAMPLES, round(FROZEN_SECONDS * rec.rate))
+def _min_frozen(rec: Recording, least: int = FROZEN_SAMPLES) -> int:
+    return max(least, round(FROZEN_SECONDS * rec.rate))
 
 
 def _frozen(rec: Recording, signal: str, values: FloatArray, q: FloatArray, joint: int) -> Iterator[Finding]:
@@ -138,7 +139,7 @@ def _frozen_position(rec: Recording, signal: str, positions: dict[str, FloatArra
 
     `positions` of the joint by signal, without whole turns.
     """
-    values, stretches = positions[signal], _equal_runs(rec, signal, joint, _min_frozen(rec))
+    values, stretches = positions[signal], _equal_runs(rec, signal, joint, _min_frozen(rec, FROZEN_POSITIONS))
     if not stretches:
         return
     steps = np.abs(np.diff(values))
