@@ -18,6 +18,7 @@ from dynid_rs.runs.checks import check_recording
 from dynid_rs.runs.checks.torque import BEYOND, check_drive_torque
 from dynid_rs.runs.recording import Recording
 from dynid_rs.sensors import channel_errors
+from dynid_rs.sensors.gravity import is_another
 from dynid_rs.simulation import Tracking, simulate, typical_arm
 
 RATE = 82.0
@@ -331,3 +332,14 @@ def test_an_upright_axis_whose_rotor_could_be_all_of_its_torque_tells_no_unit():
     )
     runs = simulate(typical_arm(robot), n_runs=3, duration=12.0, rate=250.0, tracking=Tracking()).recordings
     assert channel_errors(robot, list(runs)) == []
+
+
+def test_a_base_that_is_a_search_s_grain_off_level_is_no_other_mounting():
+    down = np.array([0.0, 0.0, -9.81])
+
+    def turned(degrees, size=9.81):
+        return size * np.array([np.sin(np.radians(degrees)), 0.0, -np.cos(np.radians(degrees))])
+
+    assert [is_another(turned(degrees), down) for degrees in (0, 2.9, 4.1, 4.5, 15, 180)] == [False] * 3 + [True] * 3
+    assert is_another(turned(0, 1.62), down)
+    assert is_another(down, np.zeros(3))

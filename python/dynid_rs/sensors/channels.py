@@ -24,7 +24,7 @@ from dynid_rs.runs.preprocessing import States
 from dynid_rs.sensors import words
 from dynid_rs.sensors.changes import Bench, Trial, wiring_trials
 from dynid_rs.sensors.fit import ArmFit
-from dynid_rs.sensors.gravity import gravity_trial
+from dynid_rs.sensors.gravity import gravity_trial, is_another
 from dynid_rs.sensors.lag import Lag, lags
 from dynid_rs.sensors.payload import payload_trials
 from dynid_rs.sensors.rows import ArmRows
@@ -135,7 +135,7 @@ def _mounted(
     bench: Bench, names: Sequence[str], turned: Callable[[Bench], tuple[Trial, FloatArray]], *, signed: bool
 ) -> Iterator[tuple[Trial, Finding]]:
     trial, gravity = turned(bench)
-    if _clear(bench, trial):
+    if _clear(bench, trial) and is_another(gravity, np.asarray(bench.robot.gravity)):
         yield trial, words.mounting(bench, trial, names, gravity, signed=signed)
 
 

@@ -20,6 +20,9 @@ ELSEWHERE = 0.02
 """Relative difference from which on a size is not Earth's, and Earth's is tried too."""
 STEPS = (0.4, 0.2, 0.1, 0.05)
 """Turns [rad] that are tried about the best direction so far, one after the other."""
+GRAIN = 1.5 * STEPS[-1]
+"""Turn [rad] up to which a direction is the robot's own: the last steps across it, and what they may be off by. A base
+that is so little off level is a tilt, which a diagnosis names."""
 
 
 def gravity_trial(bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | None = None) -> tuple[Trial, FloatArray]:
@@ -52,6 +55,14 @@ def gravity_trial(bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | N
                     trial, direction = other, turned / np.linalg.norm(turned)
                     break
     return trial, strength * direction
+
+
+def is_another(gravity: FloatArray, declared: FloatArray) -> bool:
+    """Whether a gravity (3,) is of another size than the robot's, or from further away than the search's grain."""
+    size, was = float(np.linalg.norm(gravity)), float(np.linalg.norm(declared))
+    if abs(size - was) > ELSEWHERE * was:
+        return True
+    return float(gravity @ declared) < np.cos(GRAIN) * size * was
 
 
 def _as_they_stand(bench: Bench, robot: _core.RobotModel) -> ArmFit:
