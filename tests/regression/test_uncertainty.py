@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_limits
 
 from dynid_rs import Recording, RobotModel, _core
@@ -15,7 +16,7 @@ from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import declared_plan
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.columns import Block, Observations, observe
-from dynid_rs.regression.uncertainty import NORMAL_95, parameter_covariance
+from dynid_rs.regression.uncertainty import NORMAL_95, _inverse, parameter_covariance
 from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
@@ -132,3 +133,11 @@ def test_the_whole_way_without_noise_recovers_base_parameters(tmp_path):
     plan = identifier.observations_.plan
     truth = true_unknowns(plan, arm)[: plan.n_base]
     assert np.max(np.abs(identifier.links_.phi_base_ - truth)) <= 1e-8 * np.max(np.abs(truth))
+
+
+def test_a_column_that_no_row_holds_stays_zero_in_the_covariance():
+    rows = np.random.default_rng(0).normal(size=(20, 3))
+    rows[:, 1] = 0.0
+    wanted = np.zeros((3, 3))
+    wanted[np.ix_([0, 2], [0, 2])] = np.linalg.inv(rows[:, [0, 2]].T @ rows[:, [0, 2]])
+    assert_allclose(_inverse(rows), wanted, rtol=0, atol=1e-12)
