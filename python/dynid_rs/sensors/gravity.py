@@ -62,7 +62,7 @@ def is_another(gravity: FloatArray, declared: FloatArray) -> bool:
     size, was = float(np.linalg.norm(gravity)), float(np.linalg.norm(declared))
     if abs(size - was) > ELSEWHERE * was:
         return True
-    return float(gravity @ declared) < np.cos(GRAIN) * size * was
+    return float(gravity @ declared) < float(np.cos(GRAIN)) * size * was
 
 
 def _as_they_stand(bench: Bench, robot: _core.RobotModel) -> ArmFit:
