@@ -141,7 +141,7 @@ def read_split(
     test_from: float | None,
     robot: Any,
     settings: Settings,
-    cutoff: float | None = None,
+    cutoff: float | None,
 ) -> tuple[Split, list[Finding]]:
     """Read, check and split; findings on all runs."""
     train, tested = parted_sources(runs, test, robot, settings)

@@ -102,6 +102,8 @@ def parts_in_motion(
 
     Whole runs stay, and where nothing else would be left parts do too: for them it is said as an error.
     """
+    if not any(is_part(recording.name) for recording in (*train, *test)):
+        return list(train), list(test), []
     rate = common_rate(list(train))
     band = Band(cutoff) if cutoff is not None else choose_band(list(train))
     said: list[Finding] = []

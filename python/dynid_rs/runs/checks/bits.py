@@ -32,8 +32,8 @@ LEAST_GAPS = 8
 """Stretches of a joint's way that are never recorded, and lie a bit's size apart: few may be so by chance."""
 MOST_WAY = 200.0 * np.pi
 """Of a joint [rad]: further than a hundred turns no place is passed often enough, and the bins would be without end."""
-EMPTY = 0.97
-"""Share of the places taken that lie where the bit is as it hangs: the rest is on the bins' edges."""
+ON_ONE_HALF = 0.97
+"""Least share of the places taken that lie where the bit is as it hangs: the rest is on the bins' edges."""
 
 
 def check_bits(rec: Recording) -> Iterator[Finding]:
@@ -121,7 +121,7 @@ def _gaps(values: FloatArray) -> tuple[IntArray, float] | None:
     phases = np.sort(places / period % 1.0)
     around = np.concatenate([phases, phases + 1.0])
     on_one_half = np.max(np.searchsorted(around, phases + 0.5 + 1.0 / period) - np.arange(len(phases)))
-    if on_one_half < EMPTY * len(places):
+    if on_one_half < ON_ONE_HALF * len(places):
         return None
     size = width * period / 2
     jumps = _beside(values)[1]
