@@ -89,7 +89,24 @@ def _told(text: str) -> Figures:
     runs, alarmed = re.findall(r"Clean recordings: (\d+), with a false alarm: (\d+)", text)[-1]
     cases, stopped = re.findall(r"Cases with effects: (\d+), stopped by an error: (\d+)", text)[-1]
     numbers = {"drawn": drawn, "found": found, "named": named, "clean": runs, "alarmed": alarmed}
-    return {name: int(value) for name, value in (numbers | {"cases": cases, "stopped": stopped}).items()}
+    figures: Figures = {name: int(value) for name, value in (numbers | {"cases": cases, "stopped": stopped}).items()}
+    others = re.findall(r"`dynid (\w+)`, asked the same: of (\d+) (\d+) found, (\d+) named right", text)
+    figures["others"] = {
+        command: {"drawn": int(drawn), "found": int(found), "named": int(named)}
+        for command, drawn, found, named in others
+    }
+    return figures
+
+
+def _said_told(figures: Figures) -> str:
+    others = [
+        f"`{command}` {of['found']} and {of['named']} of {of['drawn']}" for command, of in figures["others"].items()
+    ]
+    return (
+        f"of {figures['drawn']} {figures['found']} found, {figures['named']} named right by `inspect`"
+        f"{''.join(f', {other}' for other in others)}; false alarms on {figures['alarmed']} of {figures['clean']} "
+        f"clean recordings; {figures['stopped']} of {figures['cases']} arms with effects stopped by an error"
+    )
 
 
 def _found(figures: Figures) -> str:
@@ -170,10 +187,7 @@ CAMPAIGNS = {
         f"{PYTHON} tests/bad_data/run.py --page docs/measured/bad_data.md",
         f"{PYTHON} tests/bad_data/run.py --variants 0 --arms 0 --alike 0 --clean 20 --effects 5",
         _told,
-        lambda f: (
-            f"of {f['drawn']} {f['found']} found, {f['named']} named right; false alarms on {f['alarmed']} of "
-            f"{f['clean']} clean recordings; {f['stopped']} of {f['cases']} arms with effects stopped by an error"
-        ),
+        _said_told,
     ),
     "online": Campaign(
         "Random streams with faults: finite, right status within 2 cycles, clean within 10, then a fresh one's bits",

@@ -34,8 +34,10 @@ def test_the_figures_of_bad_data_are_those_of_its_table():
     alarms = [Said("error", code, file, "tau_0", None, None, "", "") for code, file in (("stuck", "a"), ("gap", "a"))]
     clean = [Clean(1, "clean", 3, alarms), Clean(2, "clean", 5, [])]
     effects = [Clean(3, "single", 2, alarms), Clean(4, "mixture", 1, [])]
-    figures = page.CAMPAIGNS["bad_data"].read(table(Result(7, told, [], clean, effects)))
+    alike = [Told("wrap", 0, variant, "diagnose", "at 1 rad", mark) for variant, mark in enumerate(marks[1:])]
+    figures = page.CAMPAIGNS["bad_data"].read(table(Result(7, told, alike, clean, effects)))
     wanted = {"drawn": 3, "found": 2, "named": 1, "clean": 8, "alarmed": 1, "cases": 2, "stopped": 1}
+    wanted["others"] = {"diagnose": {"drawn": 2, "found": 1, "named": 0}}
     assert figures == wanted
 
 
