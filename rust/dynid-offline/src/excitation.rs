@@ -330,10 +330,11 @@ impl<const P: usize> Kernel for Fill<'_, P> {
                 let [total, parts @ ..] = &mut self.scratch.rows;
                 for (column, reach) in self.excitation.reach.iter().enumerate() {
                     for j in 0..*reach {
-                        let [a, b, c] = parts
-                            .each_mut()
-                            .map(|rows| L::load(&rows.at(j, column, group)[lane..]));
-                        (a + b + c).store(&mut total.at(j, column, group)[lane..]);
+                        let mut sum = L::splat(0.0);
+                        for rows in &mut *parts {
+                            sum = sum + L::load(&rows.at(j, column, group)[lane..]);
+                        }
+                        sum.store(&mut total.at(j, column, group)[lane..]);
                     }
                 }
             }

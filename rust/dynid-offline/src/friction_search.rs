@@ -4,12 +4,12 @@
 //! the links' columns are made orthonormal and taken out of the torque. The quadratic and cubic columns do not depend on
 //! the width, so they are kept for as long as the threshold stays.
 
-use dynid_core::effects::N_FRICTION;
+use dynid_core::effects::{PaperFriction, N_FRICTION};
 use faer::Mat;
 
 use crate::error::OfflineError;
 use crate::filter::ZeroPhase;
-use crate::friction_basis::friction_basis;
+use crate::speed_columns::speed_columns;
 
 /// Columns that are filtered side by side: Coulomb and first viscous order, then second and third.
 const HALF: usize = N_FRICTION / 2;
@@ -187,7 +187,7 @@ impl FrictionSearch {
         let Buffers { samples, work } = buffers;
         for run in &self.runs {
             samples.clear();
-            let basis = friction_basis(&run.speeds, threshold, width);
+            let basis = speed_columns::<PaperFriction, _>(&run.speeds, threshold, width);
             samples.extend(basis.iter().map(|row| std::array::from_fn(|k| row[k])));
             run.filter.apply(samples, work);
             match &run.mirrored {

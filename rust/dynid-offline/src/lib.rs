@@ -19,7 +19,6 @@ pub mod extent;
 pub mod factor;
 pub mod filter;
 pub mod fold;
-pub mod friction_basis;
 pub mod friction_search;
 mod in_band;
 mod joint_columns;
@@ -28,8 +27,8 @@ pub mod observation;
 pub mod points;
 mod probes;
 mod rows;
-pub mod sign_slopes;
 pub mod slope;
+pub mod speed_columns;
 mod triangle;
 pub mod weighted;
 

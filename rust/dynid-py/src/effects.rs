@@ -1,7 +1,8 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
 use dynid_core::effects::entry::{Need, Reference};
-use dynid_core::effects::{Effect, EffectTerm, CATALOGUE, N_FRICTION};
+use dynid_core::effects::{Effect, EffectTerm, PaperFriction, CATALOGUE, N_FRICTION};
+use dynid_offline::speed_columns::speed_columns;
 use dynid_offline::OfflineError;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -133,9 +134,8 @@ pub fn friction_basis<'py>(
     let dq = arrays::vector(dq, "dq", None)?;
     check_shape(velocity_threshold, transition_width)?;
     let speeds = dq.as_slice()?;
-    let rows = py.detach(|| {
-        dynid_offline::friction_basis::friction_basis(speeds, velocity_threshold, transition_width)
-    });
+    let rows = py
+        .detach(|| speed_columns::<PaperFriction, _>(speeds, velocity_threshold, transition_width));
     arrays::to_matrix(py, rows.into_flattened(), N_FRICTION)
 }
 

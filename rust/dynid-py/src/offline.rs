@@ -1,7 +1,8 @@
 //! Rows and factors in Python.
 
+use dynid_core::effects::{SignSlopes, N_SLOPES};
 use dynid_core::lanes::{use_path, Path};
-use dynid_offline::sign_slopes::{sign_slopes as slopes_of_sign, N_SLOPES};
+use dynid_offline::speed_columns::speed_columns;
 use dynid_offline::{OfflineError, RunStates, Sampling, ZeroPhase};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -283,7 +284,7 @@ pub fn sign_slopes<'py>(
         ));
     }
     let rows = py.detach(|| {
-        let mut columns = slopes_of_sign(dq, transition_width, sharpness);
+        let mut columns = speed_columns::<SignSlopes, _>(dq, transition_width, sharpness);
         sampling.filter.apply(&mut columns, &mut Vec::new());
         let kept = sampling.kept.iter().flat_map(|&k| &columns[k][..N_SLOPES]);
         kept.copied().collect()

@@ -1,6 +1,6 @@
 //! The paper's friction (Eqs. 9-11): two directions with coefficients of their own, viscous terms above a threshold.
 
-use super::EffectInput;
+use super::{EffectInput, SpeedRow};
 use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
 use crate::slices::{at, first, put, tail};
 
@@ -43,7 +43,11 @@ pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
         #[inline(always)]
         fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
             let [dq, lambda, eps] = self.0;
-            narrow(friction_row(S::splat(dq), S::splat(lambda), S::splat(eps)))
+            narrow(PaperFriction::row(
+                S::splat(dq),
+                S::splat(lambda),
+                S::splat(eps),
+            ))
         }
     }
 
@@ -59,10 +63,15 @@ fn narrow<S: Lanes<Raw = [f64; 1]>>(row: [S; N_FRICTION]) -> [f64; N_FRICTION] {
     })
 }
 
-/// [`friction_columns`] of a row of speeds.
-#[inline(always)]
-pub fn friction_row<L: Lanes>(dq: L, lambda: L, eps: L) -> [L; N_FRICTION] {
-    row_of_sign(lanes::tanh(dq / eps), dq, lambda)
+/// [`friction_columns`] of a row of speeds, with lambda and eps.
+#[derive(Clone, Copy, Debug)]
+pub struct PaperFriction;
+
+impl SpeedRow<N_FRICTION> for PaperFriction {
+    #[inline(always)]
+    fn row<L: Lanes>(dq: L, lambda: L, eps: L) -> [L; N_FRICTION] {
+        row_of_sign(lanes::tanh(dq / eps), dq, lambda)
+    }
 }
 
 /// [`friction_columns`] of a speed whose sign `s` is rounded in another way, viscous from standstill on.
@@ -83,7 +92,7 @@ pub(super) fn columns_of_sign(s: f64, dq: f64) -> [f64; N_FRICTION] {
     lanes::run_narrow(One([s, dq]))
 }
 
-/// [`friction_row`] with the sign `s` of `dq`.
+/// [`PaperFriction`] with the sign `s` of `dq`.
 #[inline(always)]
 fn row_of_sign<L: Lanes>(s: L, dq: L, lambda: L) -> [L; N_FRICTION] {
     let zero = L::splat(0.0);
@@ -123,20 +132,18 @@ pub(super) fn padded(shape: &[f64], coefficients: &[f64], n_columns: usize) -> V
     numbers
 }
 
-/// Torque of all joints by a law of friction, in lanes: `columns` of a row of speeds and its two shape parameters, times
-/// the coefficients. `numbers`: see [`padded`].
+/// Torque of all joints by a law of friction, in lanes: its columns times the coefficients. `numbers`: see [`padded`].
 #[inline(always)]
-pub(super) fn torque_in_lanes<L: Lanes, const N: usize>(
+pub(super) fn torque_in_lanes<L: Lanes, Law: SpeedRow<N>, const N: usize>(
     numbers: &[f64],
     dq: &[f64],
     tau: &mut [f64],
-    columns: impl Fn(L, L, L) -> [L; N],
 ) {
     let width = dq.len().next_multiple_of(MOST_LANES);
     let rows = dq.chunks(L::LEN).zip(tau.chunks_mut(L::LEN));
     for (k, (dq, tau)) in rows.enumerate() {
         let own = tail(numbers, k * L::LEN);
-        let columns = columns(L::load_some(dq), L::load(own), L::load(tail(own, width)));
+        let columns = Law::row(L::load_some(dq), L::load(own), L::load(tail(own, width)));
         let mut sum = L::splat(0.0);
         for (k, column) in columns.into_iter().enumerate() {
             sum = sum + column * L::load(tail(own, (2 + k) * width));

@@ -19,6 +19,7 @@ mod motor_torque;
 mod position_dependent_friction;
 mod rotor_inertia;
 pub(crate) mod smooth_friction;
+mod speed_row;
 mod stribeck;
 mod temperature_friction;
 mod thermal_friction;
@@ -28,9 +29,11 @@ mod torque_saturation;
 
 pub use catalogue::CATALOGUE;
 pub use entry::Entry;
-pub use friction::{friction_columns, friction_row, FRICTION_NAMES, N_FRICTION};
+pub use friction::{friction_columns, PaperFriction, FRICTION_NAMES, N_FRICTION};
 pub use motor_torque::{motor_torque_into, SIGNAL as TAU_MOTOR};
-pub use smooth_friction::sign_slope_row;
+use smooth_friction::SmoothFriction;
+pub use smooth_friction::{SignSlopes, N_SLOPES};
+pub use speed_row::SpeedRow;
 
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
@@ -301,14 +304,14 @@ impl Effect {
         let own = self.shape.get(2 * j..2 * j + 2)?;
         let [first, second] = [L::splat(own[0]), L::splat(own[1])];
         if self.kind() == friction::KIND {
-            return Some(friction::friction_row(dq_motor, first, second));
+            return Some(PaperFriction::row(dq_motor, first, second));
         }
         if self.kind() != smooth_friction::KIND {
             return None;
         }
         let mut row = [L::splat(0.0); N_FRICTION];
         row.iter_mut()
-            .zip(smooth_friction::smooth_row(dq_motor, first, second))
+            .zip(SmoothFriction::row(dq_motor, first, second))
             .for_each(|(to, column)| *to = column);
         Some(row)
     }
@@ -439,18 +442,11 @@ impl EffectTerm {
         let dq = input.state.dq_motor;
         match &self.in_lanes {
             InLanes::Paper(numbers) => {
-                friction::torque_in_lanes::<L, N_FRICTION>(
-                    numbers,
-                    dq,
-                    tau,
-                    friction::friction_row,
-                );
+                friction::torque_in_lanes::<L, PaperFriction, N_FRICTION>(numbers, dq, tau);
             }
             InLanes::Smooth(numbers) => {
-                let row = smooth_friction::smooth_row;
-                friction::torque_in_lanes::<L, { smooth_friction::N_COLUMNS }>(
-                    numbers, dq, tau, row,
-                );
+                use smooth_friction::N_COLUMNS;
+                friction::torque_in_lanes::<L, SmoothFriction, N_COLUMNS>(numbers, dq, tau);
             }
             InLanes::None => self.joint_by_joint(input, memory, tau),
         }

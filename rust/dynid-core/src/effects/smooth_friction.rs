@@ -4,7 +4,7 @@
 //! arctan, 2.5 like a tanh, 6 nearly a corner. Odd and even terms make up the two directions, up to the second order.
 
 use super::friction::direction;
-use super::EffectInput;
+use super::{EffectInput, SpeedRow};
 use crate::lanes::{self, Kernel, Lanes};
 use crate::slices::{at, first, put};
 
@@ -48,27 +48,45 @@ fn sign_row<L: Lanes>(v: L, e: L, p: L) -> L {
     (part * size.if_less(e, ratio, one)).xor(v.sign())
 }
 
-/// The columns of a row of speeds.
-#[inline(always)]
-pub(super) fn smooth_row<L: Lanes>(v: L, e: L, p: L) -> [L; N_COLUMNS] {
-    let (s, size) = (sign_row(v, e, p), v.abs());
-    [s, s.abs(), v, size, v * size, v * v]
+/// The columns of a row of speeds, with width and sharpness.
+pub(super) struct SmoothFriction;
+
+impl SpeedRow<N_COLUMNS> for SmoothFriction {
+    #[inline(always)]
+    fn row<L: Lanes>(v: L, e: L, p: L) -> [L; N_COLUMNS] {
+        let (s, size) = (sign_row(v, e, p), v.abs());
+        [s, s.abs(), v, size, v * size, v * v]
+    }
 }
 
-/// Change of a row of signs with the logarithms of width and sharpness.
+/// Slopes of the sign and of its size: by the logarithm of the width, then by that of the sharpness.
+pub const N_SLOPES: usize = 4;
+
+/// Change of `s` and of `|s|` with the logarithm of the width, and the same with that of the sharpness.
 ///
-/// With u = |v| / e and w = u^p these are `-s / (1 + w)` and `s (ln(1 + w) / p - w ln(u) / (1 + w))`. Beyond the width both are
-/// written by 1 / w, so that a power is only ever taken of what is at most one; the second looks the same then.
-#[inline(always)]
-pub fn sign_slope_row<L: Lanes>(v: L, e: L, p: L) -> [L; 2] {
-    let (size, one) = (v.abs(), L::splat(1.0));
-    let ratio = (size.at_most(e) / size.at_least(e)).at_least(L::splat(f64::MIN_POSITIVE));
-    let log = lanes::ln(ratio);
-    let power = lanes::exp(p * log);
-    let (whole, part) = (one + power, lanes::ln(one + power) / p);
-    let s = (lanes::exp(-part) * size.if_less(e, ratio, one)).xor(v.sign());
-    let width = -(s * size.if_less(e, one, power) / whole);
-    [width, s * (part - power * log / whole)]
+/// With u = |v| / e and w = u^p those of `s` are `-s / (1 + w)` and `s (ln(1 + w) / p - w ln(u) / (1 + w))`. Beyond the width
+/// both are written by 1 / w, so that a power is only ever taken of what is at most one; the second looks the same then.
+#[derive(Clone, Copy, Debug)]
+pub struct SignSlopes;
+
+impl SpeedRow<N_SLOPES> for SignSlopes {
+    #[inline(always)]
+    fn row<L: Lanes>(v: L, e: L, p: L) -> [L; N_SLOPES] {
+        let (size, one) = (v.abs(), L::splat(1.0));
+        let ratio = (size.at_most(e) / size.at_least(e)).at_least(L::splat(f64::MIN_POSITIVE));
+        let log = lanes::ln(ratio);
+        let power = lanes::exp(p * log);
+        let (whole, part) = (one + power, lanes::ln(one + power) / p);
+        let s = (lanes::exp(-part) * size.if_less(e, ratio, one)).xor(v.sign());
+        let width = -(s * size.if_less(e, one, power) / whole);
+        let sharpness = s * (part - power * log / whole);
+        [
+            width,
+            width.xor(v.sign()),
+            sharpness,
+            sharpness.xor(v.sign()),
+        ]
+    }
 }
 
 /// The sign of `v` as friction has it: [`rounded_sign`], or `tanh(v / e)` where the sharpness is zero.
@@ -97,7 +115,8 @@ pub fn columns(
 
 #[cfg(test)]
 mod tests {
-    use super::{friction_sign, rounded_sign, sign_slope_row};
+    use super::{friction_sign, rounded_sign, SignSlopes};
+    use crate::effects::SpeedRow;
     use crate::lanes::{Lanes, Portable};
 
     type Number = Portable<1, false>;
@@ -128,7 +147,8 @@ mod tests {
     #[test]
     fn its_slopes_are_what_it_changes_by() {
         let slopes = |v: f64, e: f64, p: f64| {
-            sign_slope_row(Number::splat(v), Number::splat(e), Number::splat(p)).map(|x| x.raw()[0])
+            SignSlopes::row(Number::splat(v), Number::splat(e), Number::splat(p))
+                .map(|x| x.raw()[0])
         };
         let (e, step) = (0.02_f64, 1e-5_f64);
         let (more, less) = (step.exp(), (-step).exp());
@@ -136,7 +156,8 @@ mod tests {
             for v in [
                 -30.0, -0.02, -1e-5, 1e-7, 0.003, 0.0199, 0.02, 0.0201, 0.05, 0.7,
             ] {
-                let [width, sharpness] = slopes(v, e, p);
+                let [width, of_size, sharpness, _] = slopes(v, e, p);
+                assert!(of_size == width * v.signum(), "{v} {p}");
                 let by_width =
                     (rounded_sign(v, e * more, p) - rounded_sign(v, e * less, p)) / (2.0 * step);
                 let by_sharpness =
