@@ -260,6 +260,7 @@ fn parts(model: &TorqueModel, path: Path, cycles: u64, [q, dq, ddq]: [&[f64]; 3]
             tau_link: &tau_link,
             tau_motor: &tau_link,
             step: 0.0,
+            sign: None,
         };
         model.effects()[0].torque_into(&input, &mut [], &mut tau);
         black_box(&tau);

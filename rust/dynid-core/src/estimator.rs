@@ -425,6 +425,7 @@ impl Evaluation {
             tau_link: &self.tau_link,
             tau_motor: &[],
             step: self.step,
+            sign: None,
         };
         lanes::copy::<L>(&self.memory, &mut self.next_memory);
         let n_effects = model.effects().len();

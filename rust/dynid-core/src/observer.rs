@@ -382,6 +382,7 @@ impl MomentumObserver {
             tau_link: &self.zeros,
             tau_motor: &self.zeros,
             step: 0.0,
+            sign: None,
         };
         let mut effects = self.model.effects().iter();
         while let Some(effect) = effects.find(|e| e.effect().entry().needs(ACCELERATION)) {

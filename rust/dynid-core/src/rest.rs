@@ -34,6 +34,7 @@ pub(crate) fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
                     tau_link: &zeros,
                     tau_motor: &zeros,
                     step: 0.0,
+                    sign: None,
                 };
                 effect.torque_into(&input, &mut [], out);
             }

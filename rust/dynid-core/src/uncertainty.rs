@@ -326,6 +326,7 @@ impl Deviation {
             tau_link: &self.zeros,
             tau_motor: &self.zeros,
             step: estimator.step(),
+            sign: None,
         };
         let n = self.zeros.len();
         let mut rest = &mut self.columns[..];

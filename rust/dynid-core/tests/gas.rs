@@ -25,6 +25,7 @@ fn the_torque_is_the_slope_of_the_work() {
                 tau_link: &[0.0],
                 tau_motor: &[0.0],
                 step: 0.0,
+                sign: None,
             };
             let mut column = [0.0];
             effect.columns_into(0, &input, &mut [], &mut column);

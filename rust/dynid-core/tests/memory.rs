@@ -102,7 +102,7 @@ proptest! {
             let tau_link = &estimator.terms()[..n]; // all scales are 1
             let rows = estimator.terms()[n..].chunks_exact(n);
             motor_torque_into(tau_link, model.effects().iter().zip(rows), &mut tau_motor);
-            let input = EffectInput { state, tau_link, tau_motor: &tau_motor, step: STEP };
+            let input = EffectInput { state, tau_link, tau_motor: &tau_motor, step: STEP, sign: None };
             for (k, (term, memory)) in model.effects().iter().zip(&mut memories).enumerate() {
                 term.torque_into(&input, memory, &mut alone);
                 prop_assert_eq!(bits(&alone), bits(&estimator.terms()[(k + 1) * n..(k + 2) * n]));

@@ -136,6 +136,7 @@ fn check_terms(model: &Arc<TorqueModel>, state: &[f64; 3 * N]) {
         tau_link: &[0.0; N],
         tau_motor: &[0.0; N],
         step: 0.0,
+        sign: None,
     };
     for j in 0..N {
         let mut columns = [0.0; 8];

@@ -1,6 +1,7 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
 use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
+use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::{all_finite, CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
 
@@ -131,6 +132,7 @@ impl<'a> RunSignals<'a> {
             tau_link: self.tau_link.map_or(&[], |tau| &tau[at.clone()]),
             tau_motor: self.tau_motor.map_or(&[], |tau| &tau[at]),
             step: self.step.unwrap_or(0.0),
+            sign: None,
         }
     }
 }
@@ -163,11 +165,17 @@ pub(crate) fn columns(
     let width = effect.n_columns();
     let n_samples = run.state.q.len() / n_joints;
     let mut out = vec![0.0; n_samples * joints.len() * width];
+    let signs: Vec<Vec<f64>> = joints
+        .iter()
+        .map(|j| signs(effect, *j, n_joints, run.state.dq_motor))
+        .collect();
     let fill = |first: usize, out: &mut [f64]| {
         let mut memory = vec![0.0; effect.memory_len(n_joints)];
         for (k, sample) in out.chunks_exact_mut(joints.len() * width).enumerate() {
-            let input = run.input(first + k, n_joints);
-            for (j, columns) in joints.iter().zip(sample.chunks_exact_mut(width)) {
+            let mut input = run.input(first + k, n_joints);
+            let own = joints.iter().zip(&signs);
+            for ((j, signs), columns) in own.zip(sample.chunks_exact_mut(width)) {
+                input.sign = signs.get(first + k).copied();
                 effect.columns_into(*j, &input, &mut memory, columns);
             }
         }
@@ -184,6 +192,42 @@ pub(crate) fn columns(
             .for_each(|(chunk, out)| fill(chunk * CHUNK, out));
     }
     out
+}
+
+/// [`EffectInput::sign`] of joint `j` at every sample of the motors' speeds (row-major); none of an effect without it.
+fn signs(effect: &Effect, j: usize, n_joints: usize, dq_motor: &[f64]) -> Vec<f64> {
+    struct Signs<'a> {
+        effect: &'a Effect,
+        j: usize,
+        signs: &'a mut [f64],
+    }
+
+    impl Kernel for Signs<'_> {
+        type Output = bool;
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> bool {
+            for signs in self.signs.chunks_mut(L::LEN) {
+                let Some(sign) = self.effect.sign_row(self.j, L::load_some(signs)) else {
+                    return false;
+                };
+                sign.store_some(signs);
+            }
+            true
+        }
+    }
+
+    let mut signs: Vec<f64> = dq_motor.iter().skip(j).step_by(n_joints).copied().collect();
+    let there = lanes::run_narrow(Signs {
+        effect,
+        j,
+        signs: &mut signs,
+    });
+    if there {
+        signs
+    } else {
+        Vec::new()
+    }
 }
 
 /// Torque of `term` at every sample into `tau` (n_samples × n_joints), from a fresh memory.

@@ -91,6 +91,11 @@ impl<'a> EffectColumns<'a> {
                 }
                 continue;
             }
+            let mut signs = [0.0; MOST_LANES];
+            let sign = effect.sign_row::<L>(j, gather(speeds, samples, n, j));
+            if let Some(sign) = sign {
+                sign.store(&mut signs);
+            }
             let mut numbers = [[0.0; MOST_LANES]; MAX_COLUMNS];
             for (lane, &k) in samples.iter().enumerate() {
                 let mut own = [0.0; MAX_COLUMNS];
@@ -100,7 +105,10 @@ impl<'a> EffectColumns<'a> {
                         own[..width].copy_from_slice(&all[start..start + width]);
                     }
                     None => {
-                        let input = self.signals.input(k, n);
+                        let mut input = self.signals.input(k, n);
+                        if sign.is_some() {
+                            input.sign = Some(signs[lane]);
+                        }
                         effect.columns_into(j, &input, &mut [], &mut own[..width]);
                     }
                 }

@@ -184,7 +184,7 @@ proptest! {
                 let state = slice_state(&states.signals.state, k * n..(k + 1) * n);
                 let tau_link = &states.signals.tau_link.expect("a load")[k * n..(k + 1) * n];
                 let tau_motor = &states.signals.tau_motor.expect("a torque")[k * n..(k + 1) * n];
-                let input = EffectInput { state, tau_link, tau_motor, step: STEP };
+                let input = EffectInput { state, tau_link, tau_motor, step: STEP, sign: None };
                 joint_torque_regressor_into(&case.robot, &mut workspace, state.q, state.dq, state.ddq, &mut y)
                     .expect("right lengths");
                 let mut row = Vec::new();

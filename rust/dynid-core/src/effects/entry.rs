@@ -47,6 +47,23 @@ impl Entry {
         own.and_then(|parameter| parameter.absent)
     }
 
+    /// Where width and sharpness of the sign of the joint's own speed stand among the shape parameters, if it has one.
+    pub(super) fn sign(&self) -> Option<[usize; 2]> {
+        let at = |wanted| {
+            let same = |parameter: &ShapeParameter| parameter.relative_to == Some(wanted);
+            self.shape.iter().position(same)
+        };
+        let of_two = self
+            .shape
+            .iter()
+            .any(|parameter| matches!(parameter.rule, Rule::Partner));
+        let both = [
+            at(Reference::FrictionWidth)?,
+            at(Reference::FrictionSharpness)?,
+        ];
+        (!of_two).then_some(both)
+    }
+
     /// What a joint must have, and its runs must show, before the effect can be found there: [`Diagnosis::requires`] and what
     /// follows from the signals.
     pub fn requirements(&self) -> impl Iterator<Item = Need> + use<'_> {

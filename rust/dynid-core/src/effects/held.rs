@@ -105,6 +105,7 @@ mod tests {
                 tau_link: &[],
                 tau_motor: &[],
                 step: 0.0,
+                sign: None,
             };
             spring.columns_into(0, &input, &mut [], &mut column);
             assert_eq!(column[0].to_bits(), f64::to_bits(expected), "{q}");

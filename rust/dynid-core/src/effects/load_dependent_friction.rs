@@ -1,6 +1,6 @@
 //! Friction that grows with the load of the gear: `(m0 + m1 |v|) |tau_link| s(v)`, s friction's sign.
 
-use super::smooth_friction::friction_sign;
+use super::smooth_friction::own_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -15,6 +15,6 @@ pub fn columns(
 ) {
     let [transition_width, sharpness] = first(shape);
     let dq = at(input.state.dq_motor, j);
-    let standstill = at(input.tau_link, j).abs() * friction_sign(dq, transition_width, sharpness);
+    let standstill = at(input.tau_link, j).abs() * own_sign(j, input, transition_width, sharpness);
     put(&[standstill, standstill * dq.abs()], columns);
 }

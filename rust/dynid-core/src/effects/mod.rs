@@ -55,6 +55,9 @@ pub struct EffectInput<'a> {
     pub tau_motor: &'a [f64],
     /// Time since the sample before \[s\].
     pub step: f64,
+    /// The sign of the motor's speed of the joint that is asked, rounded as the effect rounds it, where it is known already:
+    /// of many samples at once it takes a part of the time ([`Effect::sign_row`]).
+    pub sign: Option<f64>,
 }
 
 /// A kind of effect with its shape parameters.
@@ -295,6 +298,24 @@ impl Effect {
             memory.unwrap_or_default(),
             columns,
         );
+    }
+
+    /// [`EffectInput::sign`] of a row of speeds of joint `j`'s motor, to the same bits as one by one; `None` of an effect
+    /// whose columns are not made of it.
+    #[inline(always)]
+    pub fn sign_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<L> {
+        let [width, sharpness] = self.entry.sign()?;
+        let own = self.shape.get(j * self.entry.shape.len()..)?;
+        let (e, p) = (*own.get(width)?, *own.get(sharpness)?);
+        // What stands in a closure is not compiled for these registers.
+        if p > 0.0 {
+            return Some(smooth_friction::sign_row(
+                dq_motor,
+                L::splat(e),
+                L::splat(p),
+            ));
+        }
+        None
     }
 
     /// [`Self::columns_into`] of a law of friction, the paper's or the smooth one, at a row of motor speeds of joint `j`, to

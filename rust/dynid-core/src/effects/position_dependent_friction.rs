@@ -1,6 +1,6 @@
 //! Friction that changes around the turn, as of a shaft out of true: `s(v) (a cos N q + b sin N q)`.
 
-use super::smooth_friction::friction_sign;
+use super::smooth_friction::own_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -13,7 +13,7 @@ pub fn columns(
     columns: &mut [f64],
 ) {
     let [cycles, transition_width, sharpness] = first(shape);
-    let s = friction_sign(at(input.state.dq_motor, j), transition_width, sharpness);
+    let s = own_sign(j, input, transition_width, sharpness);
     let (sin, cos) = (cycles * at(input.state.q, j)).sin_cos();
     put(&[s * cos, s * sin], columns);
 }

@@ -40,7 +40,7 @@ pub fn rounded_sign(v: f64, e: f64, p: f64) -> f64 {
 
 /// [`rounded_sign`] of a row of speeds.
 #[inline(always)]
-fn sign_row<L: Lanes>(v: L, e: L, p: L) -> L {
+pub(super) fn sign_row<L: Lanes>(v: L, e: L, p: L) -> L {
     let (size, one) = (v.abs(), L::splat(1.0));
     let ratio = size.at_most(e) / size.at_least(e);
     let power = lanes::exp(p * lanes::ln(ratio));
@@ -97,6 +97,12 @@ pub fn friction_sign(v: f64, e: f64, p: f64) -> f64 {
     } else {
         direction(v, e)
     }
+}
+
+/// [`friction_sign`] of the motor's speed of joint `j`.
+pub(super) fn own_sign(j: usize, input: &EffectInput<'_>, e: f64, p: f64) -> f64 {
+    let now = || friction_sign(at(input.state.dq_motor, j), e, p);
+    input.sign.unwrap_or_else(now)
 }
 
 /// Six columns at the motor's speed v: `s`, `|s|`, `v`, `|v|`, `v |v|`, `v^2`. `shape`: e \[rad/s\], p.

@@ -1,6 +1,6 @@
 //! Friction that falls with speed, as the film builds: `k s(v) exp(-(|v| / v_s)^d)`, s friction's sign.
 
-use super::smooth_friction::friction_sign;
+use super::smooth_friction::own_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -15,7 +15,7 @@ pub fn columns(
     let [stribeck_velocity, exponent, transition_width, sharpness] = first(shape);
     let dq = at(input.state.dq_motor, j);
     let fall = (-(dq.abs() / stribeck_velocity).powf(exponent)).exp();
-    let column = friction_sign(dq, transition_width, sharpness) * fall;
+    let column = own_sign(j, input, transition_width, sharpness) * fall;
     let sides = if dq < 0.0 {
         [0.0, column]
     } else {

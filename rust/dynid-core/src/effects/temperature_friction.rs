@@ -1,7 +1,7 @@
 //! Friction that follows a measured temperature: `c (T - T_0) F(v)`, F the joint's friction at T_0 (Eqs. 9-11).
 
 use super::friction::{columns_of_sign, N_FRICTION};
-use super::smooth_friction::friction_sign;
+use super::smooth_friction::own_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -19,7 +19,7 @@ pub fn columns(
     let mut column = 0.0;
     if above.is_finite() {
         let dq = at(input.state.dq_motor, j);
-        let basis = columns_of_sign(friction_sign(dq, transition_width, sharpness), dq);
+        let basis = columns_of_sign(own_sign(j, input, transition_width, sharpness), dq);
         let coefficients: [f64; N_FRICTION] = first(shape.get(3..).unwrap_or_default());
         let products = basis.into_iter().zip(coefficients).map(|(b, c)| b * c);
         column = above * products.sum::<f64>();

@@ -3,7 +3,7 @@
 //! Warmth is of first order, `T df/dt = u - f`: with a reference speed v_r of 0 the source u is 1 (warm-up in time),
 //! otherwise `|v| / v_r`, the power that Coulomb friction turns into heat, relative to that at v_r.
 
-use super::smooth_friction::friction_sign;
+use super::smooth_friction::own_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
@@ -26,7 +26,7 @@ pub fn columns(
     let [warmth] = first(memory);
     put(
         &[
-            warmth * friction_sign(dq, transition_width, sharpness),
+            warmth * own_sign(j, input, transition_width, sharpness),
             warmth * dq,
         ],
         columns,
