@@ -46,11 +46,31 @@ def build_command(profile, arguments):
     return [*command, "--target", f"{target}.{version}" if version else target], target
 
 
+def share_linker(arguments, folder):
+    """One linker, written into `folder`, for binary and module where zig links; nothing without zig.
+
+    `cargo zigbuild` and maturin each bring one of their own, and for another linker cargo builds all libraries again.
+    """
+    target, libc = value_of(arguments, "--target"), value_of(arguments, "--compatibility") or ""
+    zigbuild = shutil.which("cargo-zigbuild")
+    if "--zig" not in arguments or target is None or zigbuild is None:
+        return
+    version = libc.removeprefix("manylinux_").replace("_", ".")
+    machine = ".".join(filter(None, [target.replace("-unknown-", "-"), version]))
+    linker = folder / f"link-{target}"
+    folder.mkdir(parents=True, exist_ok=True)
+    linker.write_text(f'#!/bin/sh\nexec {shlex.quote(zigbuild)} zig cc -- -target {machine} "$@"\n')
+    linker.chmod(0o755)
+    os.environ[f"CARGO_TARGET_{target.upper().replace('-', '_')}_LINKER"] = str(linker)
+
+
 def build_estimator(profile, arguments=()):
     """Build the binary and copy it into the wheel's script folder, which then holds nothing else."""
     command, target = build_command(profile, arguments)
+    folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
+    share_linker(arguments, folder)
     subprocess.run(command, cwd=ROOT, check=True)
-    built = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / (target or "") / profile
+    built = folder / (target or "") / profile
     for old in SCRIPTS.iterdir():
         old.unlink()  # of another system, under another name
     name = f"{BINARY}.exe" if "windows" in (target or "") or (target is None and os.name == "nt") else BINARY

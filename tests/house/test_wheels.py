@@ -50,6 +50,20 @@ def test_the_binary_is_built_as_the_module_is(backend, arguments, words, target)
     assert backend.build_command("wheel", arguments) == (expected, target)
 
 
+def test_binary_and_module_have_one_linker(backend, tmp_path, monkeypatch):
+    name = "CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER"
+    monkeypatch.setenv(name, "what links without zig")
+    monkeypatch.setattr(backend.shutil, "which", lambda name: f"/opt/a b/{name}")
+    backend.share_linker(MAC, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    backend.share_linker(ARM, tmp_path / "target")
+    linker = tmp_path / "target" / "link-aarch64-unknown-linux-gnu"
+    assert backend.os.environ[name] == str(linker)
+    assert backend.os.access(linker, backend.os.X_OK)
+    said = "exec '/opt/a b/cargo-zigbuild' zig cc -- -target aarch64-linux-gnu.2.28 \"$@\""
+    assert linker.read_text().splitlines() == ["#!/bin/sh", said]
+
+
 def test_the_binary_of_another_system_does_not_stay(backend, tmp_path, monkeypatch):
     monkeypatch.setattr(backend, "SCRIPTS", tmp_path / "scripts")
     monkeypatch.setattr(backend, "ROOT", tmp_path)
