@@ -16,8 +16,8 @@ ARMS ?= 20
 JOBS ?= 1
 ARCHS  ?= x86_64 aarch64
 EVERY  := test,check,docs,physical,paper
-# Installed together with the package, as '[test,docs]': each further installation takes its time. `.ci/run` asks for all there are.
-EXTRAS ?=
+# EARLY=1: what tests, checks and wheels take comes together with the package, because each further installation takes its time.
+EARLY  ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam loop fuzz fuzz-readers mutants mutation-tools trust audit paper clean toolchain
@@ -85,7 +85,7 @@ wheels: export CARGO_PROFILE_WHEEL_CODEGEN_UNITS = 16
 wheels: export CARGO_PROFILE_WHEEL_OPT_LEVEL = 1
 endif
 wheels: $(STAMP) $(TOOLS) ## source archive and wheels for Linux on x86_64 and aarch64 into dist/ (ARCHS=x86_64: that alone; QUICK=1: larger and slower)
-	$(if $(EXTRAS),,$(BIN)/python -m pip install --quiet --editable '.[wheels]')
+	@grep -q every $(STAMP) || $(BIN)/python -m pip install --quiet --editable '.[wheels]'
 	rm -rf dist
 	rustup target add $(ARCHS:%=%-unknown-linux-gnu)
 	from=""; for arch in $(ARCHS); do \
@@ -156,10 +156,10 @@ $(VENV)/bin/python: | toolchain
 # Editable: Python files are used where they stand; a change in Rust builds again.
 $(STAMP): $(SOURCES) | $(VENV)/bin/python
 	@echo "building dynid-rs (the first time takes some minutes)"
-	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
+	$(BIN)/python -m pip install --quiet --editable '.$(if $(EARLY),[$(EVERY),wheels])'
 	$(BIN)/python -m compileall -q python/dynid_rs # as an installed package is: else every process does, where none may write
-	@touch $@
+	@echo '$(if $(EARLY),every tool)' >$@
 
 $(TOOLS): pyproject.toml $(STAMP)
-	$(if $(EXTRAS),,$(BIN)/python -m pip install --quiet --editable '.[$(EVERY)]')
+	@grep -q every $(STAMP) || $(BIN)/python -m pip install --quiet --editable '.[$(EVERY)]'
 	@touch $@

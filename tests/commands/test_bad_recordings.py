@@ -476,7 +476,7 @@ def test_a_block_that_is_written_twice_is_said_of_the_run_and_not_of_two(tmp_pat
     twice = write(tmp_path / "twice.parquet", {name: np.concatenate([x[:900], x[800:]]) for name, x in columns.items()})
     sentence = refusal(dynid("identify", robot, paths[0], "--test", twice, "-o", tmp_path / "out"))
     assert sentence.startswith("twice.parquet: time goes back, and what follows was written before")
-    assert "rows 1 to 100 holds rows of twice.parquet (part 1 of 2)" in sentence
+    assert "rows 901 to 1000 are there twice; cut them out" in sentence
 
 
 def test_a_position_that_hangs_for_a_few_rows_of_a_slow_logger_is_stuck(tmp_path):

@@ -68,6 +68,8 @@ class Recording:
         Unit that the file's time was read in (`t` is in seconds all the same); said where it looks wrong.
     first_line : int, optional
         Line of the first row in its file, where that is a text whose rows follow each other line by line.
+    first_row : int
+        Row of its file that the first row is; 0 but in a part of a run.
     before : Recording, optional
         What the same measurement holds before this part of it: a model with memory (warm gears) comes from there.
     kinds : tuple of str
@@ -96,6 +98,7 @@ class Recording:
     torque_unit: str = "N*m"
     time_unit: str = "s"
     first_line: int | None = None
+    first_row: int = 0
     before: Recording | None = None
     kinds: tuple[str, ...] = ()
 
@@ -329,12 +332,13 @@ class Recording:
             Fewer than 20 rows are left.
         """
         rows = slice(start, stop)
-        cut: dict[str, Any] = {"t": self.t[rows]}
+        first = rows.indices(self.n_samples)[0]
+        cut: dict[str, Any] = {"t": self.t[rows], "first_row": self.first_row + first}
         for name in _MATRICES:
             value = getattr(self, name)
             cut[name] = None if value is None else value[rows]
         if self.first_line is not None:
-            cut["first_line"] = self.first_line + rows.indices(self.n_samples)[0]
+            cut["first_line"] = self.first_line + first
         return replace(self, **cut)
 
     def less_torque_delay(self, delay: Delay) -> Recording:

@@ -104,25 +104,30 @@ def refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None
         for earlier, was_test, of_earlier in seen:
             rows = common_rows(earlier, recording, (of_earlier, keys))
             if rows is not None:
+                if recording.name != earlier.name and whole_name(recording.name) == whole_name(earlier.name):
+                    raise written_twice(recording, rows)
                 part = None if rows[1] - rows[0] >= recording.n_samples else rows
                 raise repeated(recording.name, earlier.name, is_test=is_test, was_test=was_test, rows=part)
         seen.append((recording, is_test, keys))
 
 
+def written_twice(part: Recording, rows: tuple[int, int]) -> DataError:
+    """Error that `rows` of a part of a run are in an earlier part of it too."""
+    first, last = (part.first_row + row for row in rows)
+    return DataError(
+        f"{whole_name(part.name)}: time goes back, and what follows was written before: rows {first + 1} to {last} are "
+        "there twice; cut them out",
+        code="time_stands_still",
+        file=whole_name(part.name),
+        column="t",
+        row=first,
+    )
+
+
 def repeated(
     name: str, earlier: str, *, is_test: bool, was_test: bool, rows: tuple[int, int] | None = None
 ) -> DataError:
-    """Error that the run `name`, or these `rows` of it, holds samples of the run `earlier`; of one run its time."""
-    if name != earlier and whole_name(name) == whole_name(earlier):
-        first, last = rows or (0, 0)
-        which = f", rows {first + 1} to {last}" if last else ""
-        return DataError(
-            f"{whole_name(name)}: time goes back, and what follows was written before: {name}{which} holds rows of "
-            f"{earlier}; cut them out",
-            code="time_stands_still",
-            file=whole_name(name),
-            column="t",
-        )
+    """Error that the run `name`, or these `rows` of it, holds samples of the run `earlier`."""
     names = name if name == earlier else f"{name} ({earlier})"
     if rows is not None:
         names = f"{name}, rows {rows[0] + 1} to {rows[1]} (of {earlier})"

@@ -6,6 +6,8 @@
 //! ```
 
 mod adapting;
+mod stuck;
+mod windowed;
 
 use std::sync::Arc;
 
@@ -16,10 +18,10 @@ use crate::error::CoreError;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
 use crate::observer::{MomentumObserver, ObserverSettings};
-use crate::slices::{copy, mirror_fields, rows_mut, Mirror};
+use crate::slices::{copy, mirror_fields, Mirror};
 use crate::state::State;
 use crate::stream::{Place, Stream};
-use crate::track::{Taken, Track, MOST_STEPS};
+use crate::track::{Track, MOST_STEPS};
 use crate::uncertainty::Uncertainty;
 use crate::watch::{Change, Healthy, Watch, WatchSettings};
 
@@ -32,10 +34,6 @@ const TORQUE: usize = N_MOTION;
 
 /// So many cycles without a new state are stale input.
 const STALE_AFTER: u32 = 2;
-
-/// A position that does not change by a bit while its velocity covers this way stands still in the sensor only \[rad, m\].
-/// Coarser encoders are not in use on arms.
-const STUCK_WAY: f64 = 5e-4;
 
 /// A position that would have needed this many times the greatest trained speed since the one before is none, and neither
 /// is one that would have needed [`LEAST_JUMP`] \[rad/s, m/s\].
@@ -411,33 +409,6 @@ impl OnlineEstimator {
         self.observer.is_some() || self.watch.is_some() || self.adaptation.is_some()
     }
 
-    /// Keeps a sample that may be the first ones of another stream, whose row was `before` long: once the row is believed,
-    /// derivatives need not wait for a whole window again.
-    fn suspect(&mut self, sample: &Sample<'_>, before: u8) -> Result<(), CoreError> {
-        let row = self.stream.suspects();
-        let present = self.present(sample);
-        // What is not differentiated needs no window; and a row that did not grow ends with the same state once more.
-        if direct(&present) || (row == before && row > 1) {
-            return Ok(());
-        }
-        if row == 1 {
-            self.suspects.filter.reset();
-        }
-        if self.fill_row(sample) {
-            self.go_on_suspecting(sample);
-            self.suspects.take_anew(&self.row, &self.most_speed)?;
-        }
-        Ok(())
-    }
-
-    fn go_on_suspecting(&mut self, sample: &Sample<'_>) {
-        let present = self.present(sample);
-        if present != self.suspects.present {
-            self.suspects.begin(present);
-        }
-        self.suspects.go_on(sample, self.step);
-    }
-
     fn check(&self, sample: &Sample<'_>) -> Result<(), CoreError> {
         let n = self.tau.len();
         check_length("q", sample.motion[0].unwrap_or(&[]), n)?;
@@ -489,154 +460,6 @@ impl OnlineEstimator {
             &mut self.tau,
             numbered.then_some(elapsed),
         )
-    }
-
-    /// Lays the channels of a sample side by side; false if one is no number, which would stay in the window.
-    fn fill_row(&mut self, sample: &Sample<'_>) -> bool {
-        let n = self.tau.len();
-        let finite = |signal: &[f64]| signal.iter().all(|x| x.is_finite());
-        let channels = self.channels(sample);
-        if !channels.iter().flatten().all(|signal| finite(signal)) {
-            return false;
-        }
-        for (row, channel) in rows_mut(&mut self.row, n).zip(channels) {
-            match channel {
-                Some(channel) => copy(channel, row),
-                None => row.fill(0.0),
-            }
-        }
-        true
-    }
-
-    /// Takes a sample into the window; what keeps it from an answer.
-    fn differentiate(&mut self, sample: &Sample<'_>) -> Result<Status, CoreError> {
-        if !self.fill_row(sample) {
-            return Ok(Status::NON_FINITE);
-        }
-        let mut taken = self.track.take(&self.row, &self.most_speed)?;
-        if matches!(taken, Taken::Jump | Taken::Over) {
-            self.go_on_suspecting(sample);
-            let other = self.suspects.take_anew(&self.row, &self.most_speed)?;
-            let is_believed = taken == Taken::Over || self.suspects.is_believed();
-            // Of two alone nobody knows which is wrong: the newer one begins the window again.
-            if is_believed || self.track.filter.n_samples() < 2 {
-                core::mem::swap(&mut self.track, &mut self.suspects);
-            }
-            if is_believed {
-                taken = other;
-                self.estimator.begin_anew();
-            }
-        }
-        if taken != Taken::Jump {
-            self.suspects.filter.reset();
-        }
-        Ok(match taken {
-            Taken::Answer => Status::OK,
-            Taken::Settling => Status::SETTLING.and(Status::REPEATED),
-            Taken::Jump | Taken::Over => Status::OUTSIDE_DOMAIN.and(Status::REPEATED),
-        })
-    }
-
-    /// The state of half a window before now, from the signals that came.
-    fn answer_filtered(
-        &mut self,
-        sample: &Sample<'_>,
-        elapsed: f64,
-        numbered: bool,
-    ) -> Result<Status, CoreError> {
-        let taken = self.differentiate(sample)?;
-        if taken != Status::OK {
-            self.estimator.pass(elapsed);
-            return Ok(taken);
-        }
-        self.assemble();
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &self.motion;
-        let state = State {
-            q,
-            dq,
-            ddq,
-            q_motor,
-            dq_motor,
-            ddq_motor,
-            temperature: sample.temperature,
-        };
-        estimate(
-            &mut self.estimator,
-            &state,
-            &mut self.tau,
-            numbered.then_some(elapsed),
-        )
-    }
-
-    /// Signals of one instant: those that came, smoothed; the others as derivatives of the one below them.
-    fn assemble(&mut self) {
-        let n = self.tau.len();
-        let fitted = self.track.filter.fitted();
-        let of = |channel: usize, order: usize| {
-            let start = channel * n;
-            fitted
-                .get(order)
-                .and_then(|fitted| fitted.get(start..start + n))
-        };
-        let there = |signal: usize| self.track.present.get(signal) == Some(&true);
-        for (signal, motion) in self.motion.iter_mut().enumerate() {
-            // A motor side that has a position of its own has derivatives of its own.
-            let side = if signal >= 3 && there(3) { 3 } else { 0 };
-            let order = signal % 3;
-            // The signal itself, or the highest one below it of its side that came.
-            let source = if there(signal) {
-                (signal, 0)
-            } else {
-                let below = (0..=order).rev().find(|below| there(side + below));
-                let below = below.unwrap_or(0);
-                (side + below, order - below)
-            };
-            if let Some(values) = of(source.0, source.1) {
-                copy(values, motion);
-            }
-        }
-        if let Some(values) = of(TORQUE, 0) {
-            copy(values, &mut self.measured);
-        }
-    }
-
-    /// True if a sensor repeats itself while the motion goes on; keeps what it needs for the next sample.
-    fn is_stuck(&mut self, sample: &Sample<'_>, elapsed: f64) -> bool {
-        let n = self.tau.len();
-        let moves = |signal: Option<&[f64]>| signal.is_some_and(|dq| dq.iter().any(|x| *x != 0.0));
-        let mut all_same = self.has_before && (moves(sample.motion[1]) || moves(sample.motion[4]));
-        let mut stuck = false;
-        let has_before = self.has_before;
-        let sides = sample.motion.chunks_exact(3);
-        let before = rows_mut(&mut self.before, 3 * n);
-        for ((side, before), way) in sides.zip(before).zip(&mut self.way) {
-            let [q, dq, _] = side else { continue };
-            if let (Some(q), Some(dq)) = (q, dq) {
-                let joints = q
-                    .iter()
-                    .zip(dq.iter())
-                    .zip(before.iter())
-                    .zip(way.iter_mut());
-                for (((q, dq), before), way) in joints {
-                    let same = has_before && q.to_bits() == before.to_bits();
-                    *way = if same {
-                        *way + (dq * elapsed).abs()
-                    } else {
-                        0.0
-                    };
-                    stuck |= *way > STUCK_WAY;
-                }
-            }
-            for (signal, before) in side.iter().zip(rows_mut(before, n)) {
-                if let Some(signal) = signal {
-                    let mut pairs = signal.iter().zip(before.iter());
-                    all_same &= pairs.all(|(now, before)| now.to_bits() == before.to_bits());
-                    copy(signal, before);
-                }
-            }
-        }
-        self.has_before = true;
-        stuck || all_same
     }
 }
 

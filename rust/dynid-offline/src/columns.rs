@@ -1,12 +1,12 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
 use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
-use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::{all_finite, CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
 
 use crate::error::OfflineError;
 use crate::observation::slice_state;
+use crate::signs::signs;
 
 /// Samples per task.
 const CHUNK: usize = 256;
@@ -192,42 +192,6 @@ pub(crate) fn columns(
             .for_each(|(chunk, out)| fill(chunk * CHUNK, out));
     }
     out
-}
-
-/// [`EffectInput::sign`] of joint `j` at every sample of the motors' speeds (row-major); none of an effect without it.
-fn signs(effect: &Effect, j: usize, n_joints: usize, dq_motor: &[f64]) -> Vec<f64> {
-    struct Signs<'a> {
-        effect: &'a Effect,
-        j: usize,
-        signs: &'a mut [f64],
-    }
-
-    impl Kernel for Signs<'_> {
-        type Output = bool;
-
-        #[inline(always)]
-        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> bool {
-            for signs in self.signs.chunks_mut(L::LEN) {
-                let Some(sign) = self.effect.sign_row(self.j, L::load_some(signs)) else {
-                    return false;
-                };
-                sign.store_some(signs);
-            }
-            true
-        }
-    }
-
-    let mut signs: Vec<f64> = dq_motor.iter().skip(j).step_by(n_joints).copied().collect();
-    let there = lanes::run_narrow(Signs {
-        effect,
-        j,
-        signs: &mut signs,
-    });
-    if there {
-        signs
-    } else {
-        Vec::new()
-    }
 }
 
 /// Torque of `term` at every sample into `tau` (n_samples × n_joints), from a fresh memory.

@@ -92,7 +92,10 @@ impl<'a> EffectColumns<'a> {
                 continue;
             }
             let mut signs = [0.0; MOST_LANES];
-            let sign = effect.sign_row::<L>(j, gather(speeds, samples, n, j));
+            let mut sign = None;
+            if history.is_none() {
+                sign = effect.sign_row::<L>(j, gather(speeds, samples, n, j));
+            }
             if let Some(sign) = sign {
                 sign.store(&mut signs);
             }

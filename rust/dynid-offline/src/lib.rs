@@ -27,6 +27,7 @@ pub mod observation;
 pub mod points;
 mod probes;
 mod rows;
+mod signs;
 pub mod slope;
 pub mod speed_columns;
 mod triangle;

@@ -2,6 +2,7 @@
 
 use dynid_core::effects::entry::{Need, Reference};
 use dynid_core::effects::{Effect, EffectTerm, PaperFriction, CATALOGUE, N_FRICTION};
+use dynid_offline::filter::LANES;
 use dynid_offline::speed_columns::speed_columns;
 use dynid_offline::OfflineError;
 use numpy::{PyArray2, PyArray3};
@@ -131,6 +132,7 @@ pub fn friction_basis<'py>(
     velocity_threshold: f64,
     transition_width: f64,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    const { assert!(N_FRICTION == LANES, "no zeros behind the columns") }
     let dq = arrays::vector(dq, "dq", None)?;
     check_shape(velocity_threshold, transition_width)?;
     let speeds = dq.as_slice()?;

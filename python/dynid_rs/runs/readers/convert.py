@@ -149,6 +149,7 @@ def to_parts(
             torque_unit=torque_unit,
             time_unit="ns" if found.time in table.stamps else config.unit("time"),
             first_line=None if first_line is None else first_line + start,
+            first_row=start,
             **{signal: values[start:stop] for signal, values in signals.items()},
         )
         for k, (start, stop) in enumerate(parts.rows)

@@ -56,7 +56,7 @@ pub struct EffectInput<'a> {
     /// Time since the sample before \[s\].
     pub step: f64,
     /// The sign of the motor's speed of the joint that is asked, rounded as the effect rounds it, where it is known already:
-    /// of many samples at once it takes a part of the time ([`Effect::sign_row`]).
+    /// of many samples at once it takes a part of the time ([`Effect::sign_row`]). An input that has it is for one joint.
     pub sign: Option<f64>,
 }
 
@@ -301,7 +301,7 @@ impl Effect {
     }
 
     /// [`EffectInput::sign`] of a row of speeds of joint `j`'s motor, to the same bits as one by one; `None` of an effect
-    /// whose columns are not made of it.
+    /// without one, with a tanh in its place (sharpness 0), or with one of two joints' speed.
     #[inline(always)]
     pub fn sign_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<L> {
         let [width, sharpness] = self.entry.sign()?;

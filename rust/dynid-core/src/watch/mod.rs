@@ -9,6 +9,7 @@
 //! that stand still are no changes of the model, and are seen in the samples: `frozen.rs`.
 
 mod frozen;
+mod known;
 mod naming;
 mod remembered;
 pub(crate) mod rows;
@@ -25,7 +26,8 @@ use crate::model::{check_step, TorqueModel};
 use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
 use frozen::Channels;
 pub use frozen::Repeats;
-use rows::{Known, Row, Rows};
+use known::Known;
+use rows::{Row, Rows};
 use sequential::{log_ratio, log_ratio_of_deviation, step, Evidence, SequentialTest, GROWN, SIZES};
 pub use settings::{Healthy, Kind, WatchSettings};
 use solve::{mass_in, LoadSums, PLACES};
