@@ -16,6 +16,7 @@ ARMS ?= 20
 JOBS ?= 1
 ARCHS  ?= x86_64 aarch64
 EVERY  := test,check,docs,physical,paper
+ALL    := [$(EVERY),wheels]
 # EARLY=1: what tests, checks and wheels take comes together with the package, because each further installation takes its time.
 EARLY  ?=
 
@@ -156,7 +157,7 @@ $(VENV)/bin/python: | toolchain
 # Editable: Python files are used where they stand; a change in Rust builds again.
 $(STAMP): $(SOURCES) | $(VENV)/bin/python
 	@echo "building dynid-rs (the first time takes some minutes)"
-	$(BIN)/python -m pip install --quiet --editable '.$(if $(EARLY),[$(EVERY),wheels])'
+	$(BIN)/python -m pip install --quiet --editable '.$(if $(EARLY),$(ALL))'
 	$(BIN)/python -m compileall -q python/dynid_rs # as an installed package is: else every process does, where none may write
 	@echo '$(if $(EARLY),every tool)' >$@
 

@@ -53,8 +53,14 @@ class Chain:
         n = self.robot.n_joints
         # What the identifier reads of a plan and of a run.
         plan = SimpleNamespace(robot=self.robot, n_own=8, friction=(None, slice(0, 8)), own=np.ones((n, 8), dtype=bool))
+        every = np.arange(N_SPEEDS)
         run = SimpleNamespace(
-            dq_motor=self.speeds, filter=None, kept=list(range(N_SPEEDS)), velocity_noise=lambda j: 1e-3
+            dq_motor=self.speeds,
+            filter=None,
+            rows=every,
+            kept=every.tolist(),
+            counted=np.ones(self.speeds.shape, dtype=bool),
+            velocity_noise=lambda j: 1e-3,
         )
         rows = [np.column_stack([np.zeros((N_SPEEDS, 8)), self.friction[:, j]]) for j in range(n)]
         found = dyn.FrictionIdentifier().fit(plan, [run], [rows])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
+import json
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -58,17 +57,26 @@ def _row(what: str, command: Sequence[str], goal: tuple[float, float | None] | N
     return Row("", what, figure, "", limit=limit, met=met)
 
 
+ALONE = """
+import json, os, subprocess, sys, time
+start = time.perf_counter()
+process = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+_, status, usage = os.wait4(process.pid, 0)
+wall = time.perf_counter() - start
+print(json.dumps([os.waitstatus_to_exitcode(status), usage.ru_utime + usage.ru_stime, wall, usage.ru_maxrss]))
+"""
+"""A process of its own that starts a command: until it has begun, a child counts as large as who starts it."""
+
+
 def _taken(command: Sequence[str]) -> tuple[float, float, float]:
     """Seconds of the processor, of the clock, and bytes at the peak of a command; 1 is an answer too."""
-    start = time.perf_counter()
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    wall = time.perf_counter() - start
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode not in (0, 1):
-        raise subprocess.CalledProcessError(process.returncode, command)
+    alone = [sys.executable, "-S", "-c", ALONE, *command]
+    said = subprocess.run(alone, stdout=subprocess.PIPE, text=True, check=True).stdout
+    code, seconds, wall, size = json.loads(said)
+    if code not in (0, 1):
+        raise subprocess.CalledProcessError(code, command)
     unit = 1 if sys.platform == "darwin" else 1024  # of the resident size
-    return usage.ru_utime + usage.ru_stime, wall, float(usage.ru_maxrss * unit)
+    return seconds, wall, float(size * unit)
 
 
 if __name__ == "__main__":
