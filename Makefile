@@ -61,13 +61,13 @@ workflows: $(TOOLS)
 	$(BIN)/zizmor --offline --no-progress --quiet --min-severity medium .github/workflows
 	if command -v actionlint >/dev/null; then actionlint; fi
 
-bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md, seconds.md and scale.md
+bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md and seconds.md, and a short scale.md into build/
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python benches/main.py
 	$(BIN)/python benches/where.py
 	$(BIN)/python benches/loops.py
 	$(BIN)/python benches/em.py
-	$(BIN)/python benches/scale.py
+	$(BIN)/python benches/scale.py --page build/scale.md
 
 # NEON is part of every 64-bit ARM processor, so its kernels are the baseline ones there.
 arm: export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER = aarch64-linux-gnu-gcc

@@ -175,6 +175,7 @@ def main() -> None:
             print(line, flush=True)
             page.append(line)
     page += [READING, *(f"* {line}" for line in machine())]
+    options.page.parent.mkdir(parents=True, exist_ok=True)
     options.page.write_text("\n".join(page) + "\n", encoding="utf-8")
 
 
