@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from dynid_rs.diagnosis.curves import ALONG_THE_MOTION, _way, effect_plot
+from dynid_rs.diagnosis.curves import ALONG_THE_MOTION, _drawn_over, _signal, _way, effect_plot
 from dynid_rs.model.curves import binned
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.error_interval import interval_of_change
@@ -17,6 +17,16 @@ from dynid_rs.report.axes import _SIGNALS
 from dynid_rs.report.meanings import MEANINGS
 
 N = 500
+
+
+def _found(torque_unit: str = "N*m", **states: np.ndarray) -> Any:
+    """As much of a belief as a plot looks at: two joints, one run."""
+    run = SimpleNamespace(**states, rows=np.arange(N), t=np.arange(N))
+    return SimpleNamespace(
+        setup=SimpleNamespace(robot=SimpleNamespace(joint_names=["a", "b"], joint_kinds=["revolute"] * 2)),
+        fit=SimpleNamespace(torque_unit_=torque_unit),
+        catalogue=SimpleNamespace(runs=[run]),
+    )
 
 
 def drawn(effect: PlacedEffect, torque_unit: str = "N*m", **signals: np.ndarray) -> dict[str, Any]:
@@ -31,14 +41,8 @@ def drawn(effect: PlacedEffect, torque_unit: str = "N*m", **signals: np.ndarray)
     )
     zero = np.zeros((N, 2))
     own = {name: np.column_stack([values, values]) for name, values in signals.items()}
-    states = SimpleNamespace(
-        **({"q": zero, "dq": zero + 1.0, "q_motor": zero, "dq_motor": zero} | own), rows=np.arange(N), t=np.arange(N)
-    )
-    found = SimpleNamespace(
-        setup=SimpleNamespace(robot=SimpleNamespace(joint_names=["a", "b"], joint_kinds=["revolute"] * 2)),
-        fit=SimpleNamespace(torque_unit_=torque_unit),
-        catalogue=SimpleNamespace(runs=[states]),
-    )
+    states = {"q": zero, "dq": zero + 1.0, "q_motor": zero, "dq_motor": zero, **own}
+    found = _found(torque_unit, **states)
     fit = SimpleNamespace(covariance=np.diag([1.0, 1.0, 0.04, 1.0]))
     return {"column": columns[:, 1], **effect_plot(found, effect, model, fit, x, [(0, 2)], [])}
 
@@ -71,6 +75,24 @@ def test_the_load_of_a_gear_is_in_the_unit_of_the_torque_channel(kind: str, torq
     load = np.linspace(-1.0, 1.0, N)
     plot = drawn(PlacedEffect(kind, (0,), {}), torque_unit, tau_link=load)
     assert (plot["signal"], plot["unit"]) == ("tau_link_a", torque_unit)
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_what_the_joint_beside_makes_is_drawn_over_its_torque(place: int) -> None:
+    other = 1 - place
+    loads = np.stack([np.linspace(-1.0, 1.0, N), np.linspace(3.0, 5.0, N)], axis=1)
+    effect = PlacedEffect.at("bearing_friction", place, side=float(other - place))
+    name, unit, values = _signal(_found(tau_link=loads), effect, np.zeros(N))
+    assert (name, unit) == ("tau_link", "{torque}")
+    assert_allclose(values, loads[:, other])
+    assert _drawn_over(effect) == other
+
+
+def test_a_coupling_is_drawn_over_the_acceleration_that_makes_it() -> None:
+    plot = drawn(PlacedEffect.at("inertial_coupling", 0, partner=1.0), ddq=np.linspace(-1.0, 1.0, N))
+    assert plot["signal"] == "ddq_a"
+    pair = PlacedEffect("inertial_coupling", (0, 1), (("partner", (1.0, 0.0)),))
+    assert _drawn_over(pair) == 1
 
 
 def test_what_goes_round_often_is_drawn_over_one_cycle() -> None:

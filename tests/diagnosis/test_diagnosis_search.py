@@ -93,6 +93,7 @@ def test_friction_that_turns_round_like_an_arctan_is_no_effect():
     [
         ("stribeck:elbow", ("elbow",), ("transition_width",)),
         ("load_dependent_friction:wrist", ("wrist",), ("transition_width",)),
+        ("bearing_friction:shoulder:2", ("shoulder",), ("transition_width",)),
         ("friction_hysteresis:elbow", ("elbow",), ()),
         ("load_hysteresis:elbow:2", ("elbow",), ()),
         ("joint_spring:elbow:2", ("elbow",), ("rest_position",)),

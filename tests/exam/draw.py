@@ -12,6 +12,7 @@ NAMED = (
     "stribeck",
     "load_dependent_friction",
     "load_hysteresis",
+    "bearing_friction",
     "position_dependent_friction",
     "thermal_friction",
     "friction_hysteresis",

@@ -53,6 +53,19 @@ def load_hysteresis(rng: np.random.Generator, world: World) -> Effect:
     )  # fmt: skip
 
 
+def bearing_friction(rng: np.random.Generator, world: World) -> Effect:
+    """Friction of a bearing that the next joint's torque tilts, or that of the joint before."""
+    j, n = any_joint(rng, world), world.case.n_joints
+    beside = int(rng.choice([k for k in (j - 1, j + 1) if 0 <= k < n]))
+
+    def part(world: World, s: States, size: float) -> FloatArray:
+        return on(s, j, size * np.abs(s.tau_link[:, beside]) * world.sign(s.dq_motor)[:, j])
+
+    return Effect(
+        "bearing_friction", (j,), "motor", part, 0.35, lambda size: {"bearing_friction": size}, shape={"beside": beside},
+    )  # fmt: skip
+
+
 def friction_hysteresis(rng: np.random.Generator, world: World) -> Effect:
     """Bristles (Dahl) that add to Coulomb friction."""
     j, way = any_joint(rng, world), float(log_uniform(rng, 2e-3, 5e-2))

@@ -103,6 +103,21 @@ def test_a_pair_acts_on_both_joints_with_one_stage(robot, design):
     assert_allclose(0.5 * columns[1][:, 0], columns[2][:, 0], rtol=1e-9)
 
 
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_a_bearing_rubs_under_the_torque_of_a_neighbour(robot, design, joint):
+    """Every side that there is, under its own sign's width, beside each other in one call."""
+    motion = design.trajectory_.evaluate(np.linspace(0, 8, 50))
+    shaped = ShapedEffect.of(parse_effect(f"bearing_friction:{joint}", robot), robot)
+    beside = [k for k in (joint - 1, joint + 1) if k in range(3)]
+    assert {joint + int(shape["side"]) for shape in shaped.shapes} == set(beside)
+    chosen = range(len(shaped.shapes))
+    columns = shaped.columns(motion, chosen, 0.02)[joint][:, :, 0]
+    load = np.abs(robot.inverse_dynamics(*motion))
+    for k, shape in enumerate(shaped.shapes):
+        expected = load[:, joint + int(shape["side"])] * np.tanh(motion[1][:, joint] / shape["transition_width"])
+        assert_allclose(columns[:, k], expected, rtol=1e-9, atol=1e-12)
+
+
 def test_a_saturation_is_of_the_links_and_the_rotor(robot, design):
     """Of what the robot file tells of the motors' torque; friction it does not."""
     motion = design.trajectory_.evaluate(np.linspace(0, 8, 50))

@@ -88,11 +88,11 @@ def entry_of(found: Diagnosis, kind: str) -> dict[str, Any]:
 
 
 def holds(entry: dict[str, Any], truth: dict[str, float]) -> list[str]:
-    """Numbers whose interval, twice as wide, does not hold the truth."""
+    """Numbers whose interval, twice as wide, does not hold the truth; one of a few is it, or is not."""
     wrong = []
     known = {parameter["name"]: parameter for parameter in entry["parameters"]}
     for name, true in truth.items():
-        low, high = known[name]["interval"]
+        low, high = known[name]["interval"] or [known[name]["value"]] * 2
         middle, half = (low + high) / 2, (high - low) / 2
         if not abs(true - middle) <= HALF_WIDTHS * half:
             wrong.append(f"{name}: {true:.6g} is not in {low:.6g} to {high:.6g}")

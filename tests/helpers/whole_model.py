@@ -31,6 +31,7 @@ def shape_value(name: str, j: int) -> float:
         "phase": 1.0 + j,
         "gas_length": 2.0 - 0.1 * j if j % 2 else -1.5,
         "partner": j - 1.0,
+        "side": -1.0 if j % 2 else 1.0,
         "ratio": 0.5 - j,
         "cycles": 2.0 + 7.5 * j,
         "presliding_distance": 0.01,

@@ -42,6 +42,11 @@ SHAPES = {
         "gas_length": [0.6, 0.9, -0.3],
     },
     "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03], "sharpness": [0.0, 1.0, 2.5]},
+    "bearing_friction": {
+        "side": [1.0, -1.0, 1.0],
+        "transition_width": [0.01, 0.02, 0.03],
+        "sharpness": [0.0, 1.0, 2.5],
+    },
     "position_dependent_friction": {
         "cycles": [1.0, 2.0, 3.0],
         "transition_width": [0.01, 0.02, 0.03],
@@ -127,6 +132,12 @@ def load_dependent_friction(p, x):
     return [at_rest, at_rest * np.abs(x.dq_motor)]
 
 
+def bearing_friction(p, x):
+    beside = [1, 0, None]  # of joint 2 there is none behind
+    load = np.stack([np.zeros(len(x.q)) if k is None else np.abs(x.tau_link[:, k]) for k in beside], axis=1)
+    return [load * sign(x.dq_motor, p)]
+
+
 def position_dependent_friction(p, x):
     return [sign(x.dq_motor, p) * wave(p.cycles * x.q) for wave in (np.cos, np.sin)]
 
@@ -160,6 +171,7 @@ FORMULAS = {
     "smooth_friction": smooth_friction,
     "stribeck": stribeck,
     "load_dependent_friction": load_dependent_friction,
+    "bearing_friction": bearing_friction,
     "position_dependent_friction": position_dependent_friction,
     "coupled_friction": coupled_friction,
     "torque_ripple": torque_ripple,
@@ -474,7 +486,7 @@ def test_the_catalogue_says_where_a_kind_acts_and_what_it_takes():
     for entry in CATALOGUE.values():
         assert (entry["places"] == "joint") == all(p["name"] != "partner" for p in entry["shape"])
     assert kinds_that(lambda entry: entry["sought"]) == kinds_that(lambda entry: not entry["declared"])
-    loaded = {"load_dependent_friction", "load_hysteresis", "gear_hysteresis"}
+    loaded = {"load_dependent_friction", "load_hysteresis", "gear_hysteresis", "bearing_friction"}
     assert kinds_that(lambda entry: "load" in entry["requires"]) == loaded
     assert kinds_that(lambda entry: "temperature" in entry["requires"]) == {"temperature_friction"}
     assert CATALOGUE["gear_hysteresis"]["requires"] == ["two_encoders", "load"]
@@ -487,6 +499,7 @@ def test_the_catalogue_says_how_a_report_draws_a_kind_and_how_large_it_may_be():
     assert drawn == {
         "stribeck": ["dq", "rad/s"],
         "load_dependent_friction": ["tau_link", "{torque}"],
+        "bearing_friction": ["tau_link", "{torque}"],
         "position_dependent_friction": ["q", "rad"],
         "torque_ripple": ["q", "rad"],
         "joint_spring": ["q", "rad"],
@@ -517,6 +530,7 @@ def test_the_catalogue_says_how_a_shape_is_searched():
         ("hysteresis_load", "load"): {"gear_hysteresis"},
         ("carried_load", "load"): {"gear_hysteresis"},
         ("stribeck_velocity", "speed"): {"stribeck"},
+        ("side", "chain"): {"bearing_friction"},
     }
     assert ranges == {
         ("stribeck", "stribeck_velocity"): ("log", 1e-3, 10.0),
@@ -574,6 +588,7 @@ def test_a_search_can_begin(kind):
             {"stribeck_velocity": [np.nan], "exponent": [1], "transition_width": [1]},
             ["stribeck_velocity", "finite"],
         ),
+        ("bearing_friction", {"side": [1, 0.5, 1], "transition_width": [0.1] * 3}, ["side of joint 1", "-1"]),
         ("inertial_coupling", {"partner": [1, 1]}, ["partner of joint 1", "another joint"]),
         ("inertial_coupling", {"partner": [0.5, 0]}, ["partner of joint 0", "-1 for none"]),
         ("inertial_coupling", {"partner": [2, 0]}, ["partner of joint 0"]),
@@ -684,6 +699,7 @@ def test_a_plan_knows_what_can_be_told_apart():
         told = {
             "coupled_friction": [1, 1, 0],  # no partner
             "coupled_viscous": [1, 1, 0],
+            "bearing_friction": [1, 1, 0],  # no neighbour
             "inertial_coupling": [1, 0, 0],  # no partner; as joint 0's, with its link and both rotors
             "ripple_cos1": [0, 1, 1],  # once per turn of the first joint is its gravity
             "ripple_sin1": [0, 1, 1],

@@ -66,6 +66,12 @@ def load_dependent_friction(p, m, j):
     return (p("load_friction") + p("load_friction_speed") * np.abs(v)) * load * np.tanh(v / p("transition_width"))
 
 
+def bearing_friction(p, m, j):
+    beside = j + 1 if j + 1 < m.q.shape[1] else j - 1
+    assert beside == j + p("side")
+    return p("bearing_friction") * np.abs(m.tau_link[:, beside]) * np.tanh(m.dq[:, j] / p("transition_width"))
+
+
 def position_dependent_friction(p, m, j):
     angle = p("cycles") * m.q[:, j]
     around = p("position_friction_cos") * np.cos(angle) + p("position_friction_sin") * np.sin(angle)
@@ -103,6 +109,7 @@ def thermal_friction(p, m, j):
 DEFINITIONS = (
     stribeck,
     load_dependent_friction,
+    bearing_friction,
     position_dependent_friction,
     torque_ripple,
     torque_saturation,
@@ -145,6 +152,7 @@ def test_default_sizes_follow_the_effort_limit(typical, robot):
         ("stribeck", "stribeck_velocity", 0.05 * speed),
         ("load_dependent_friction", "load_friction", np.full(6, 0.06)),
         ("load_dependent_friction", "load_friction_speed", 0.02 / speed),
+        ("bearing_friction", "bearing_friction", np.full(6, 0.04)),
         ("position_dependent_friction", "position_friction_cos", 0.02 * effort),
         ("friction_hysteresis", "hysteresis", 0.03 * effort),
         ("load_hysteresis", "load_hysteresis", np.full(6, 0.06)),

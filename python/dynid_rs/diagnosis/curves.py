@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 ALONG_THE_MOTION = frozenset(
     {
         *("load_dependent_friction", "load_hysteresis", "position_dependent_friction"),
-        *("friction_hysteresis", "thermal_friction", "temperature_friction"),
+        *("bearing_friction", "friction_hysteresis", "thermal_friction", "temperature_friction"),
     }
 )
 """Kinds that are friction: drawn in the direction of motion."""
@@ -66,8 +66,9 @@ def effect_plot(
         sign = np.sign(_joined(found, "dq", j))
         used &= sign != 0
     spread = _covariance(fit, at, x, [estimate for estimate in known if estimate.joint == j])
+    over = found.setup.robot.joint_names[_drawn_over(effect)]
     return {
-        "signal": signal if signal in ("t", "column") else f"{signal}_{found.setup.robot.joint_names[j]}",
+        "signal": signal if signal in ("t", "column") else f"{signal}_{over}",
         "quantity": "friction_torque" if effect.kind in ALONG_THE_MOTION else "torque",
         "unit": unit.replace("{torque}", found.fit.torque_unit_),
         "joint": found.setup.robot.joint_names[j],
@@ -110,7 +111,15 @@ def _signal(found: Belief, effect: PlacedEffect, column: FloatArray) -> tuple[st
     if signal == "t":
         times = [(states.t - states.t[0])[states.rows] for states in found.catalogue.runs]
         return signal, unit, np.concatenate(times)
-    return signal, unit, _joined(found, signal, effect.joints[-1] if signal.startswith("ddq") else j)
+    return signal, unit, _joined(found, signal, _drawn_over(effect))
+
+
+def _drawn_over(effect: PlacedEffect) -> int:
+    """The joint whose signal an effect is drawn over: another one's acceleration, a neighbour's load, else its own."""
+    j = effect.acting[0]
+    if effect.kind == "inertial_coupling":
+        return effect.joints[-1]
+    return j + int(effect.shape_at(j).get("side", 0.0))
 
 
 def _joined(found: Belief, signal: str, j: int) -> FloatArray:

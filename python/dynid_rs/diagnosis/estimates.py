@@ -172,8 +172,9 @@ def _interval(value: float, half: float, lower: float, upper: float) -> tuple[fl
 
 
 def _chosen(effect: PlacedEffect) -> list[Estimate]:
-    """Shapes that are one of a few, as cycles per turn are: known, or not at all."""
-    few = [p for p in CATALOGUE[effect.kind]["shape"] if p not in searched(effect.kind) and p["unit"] == CYCLES]
+    """Shapes that are one of a few, as cycles per turn and a neighbour are: known, or not at all."""
+    held = [p for p in CATALOGUE[effect.kind]["shape"] if p not in searched(effect.kind)]
+    few = [p for p in held if p["unit"] == CYCLES or p["relative_to"] == "chain"]
     j = effect.joints[0]
     return [Estimate(p["name"], j, effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few]
 

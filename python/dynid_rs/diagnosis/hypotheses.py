@@ -239,6 +239,8 @@ class Catalogue:
             return [-1.0]
         if parameter["name"] in self._friction(j):
             return [self._friction(j)[parameter["name"]]]
+        if parameter["relative_to"] == "chain":
+            return [float(side) for side in parameter["grid"] if 0 <= j + side < self.fit.robot.n_joints]
         unit = {"load": self._load[j], "speed": self._speed[j]}.get(parameter["relative_to"] or "", 1.0)
         return [float(value * unit) for value in parameter["grid"]]
 

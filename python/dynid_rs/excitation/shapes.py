@@ -84,6 +84,8 @@ class ShapedEffect:
         predicted = self._predicted(motion) if is_of_load(CATALOGUE[self.effect.kind]["signals"]) else {}
         shapes = [self.shapes[k] for k in chosen]
         n_pairs = len(self.effect.joints)
+        if "side" in shapes[0]:
+            return self._of_neighbours(motion, shapes, predicted["tau_link"], step)
         found = {}
         for place, joint in enumerate(self.effect.joints):
             signals = [np.repeat(x[:, [joint]], len(shapes), axis=1) for x in motion]
@@ -100,6 +102,17 @@ class ShapedEffect:
             if place == 1:
                 found[joint] = found[joint] * self._felt(shapes)
         return found
+
+    def _of_neighbours(
+        self, motion: Motion, shapes: Sequence[Shape], tau_link: FloatArray, step: float
+    ) -> dict[int, FloatArray]:
+        """Columns that read the load of the joints beside: each copy of the joint stands between copies of them."""
+        (joint,) = self.effect.joints
+        around = np.pad(tau_link, [(0, 0), (1, 1)])[:, joint : joint + 3]
+        signals = [np.repeat(x[:, [joint]], 3 * len(shapes), axis=1) for x in motion]
+        effect = self._core_effect([shape for shape in shapes for _ in range(3)], joint)
+        loads = np.tile(around, (1, len(shapes)))
+        return {joint: _core.effect_columns(effect, *signals, tau_link=loads, step=step)[:, 1::3]}
 
     def _felt(self, shapes: Sequence[Shape]) -> FloatArray:
         """Coefficients (n_shapes, n_columns) on the second joint of a pair over those on the first."""
@@ -159,6 +172,8 @@ def _grids(effect: NamedEffect, robot: RobotModel) -> dict[str, list[float]]:
         if name == "partner":
             continue
         values = [float(value) for value in parameter["grid"]]
+        if parameter["relative_to"] == "chain":
+            values = [side for side in values if 0 <= effect.joints[0] + side < robot.n_joints]
         if name in effect.shape and effect.shape[name] not in values:
             values.append(effect.shape[name])
         grids[name] = values

@@ -104,6 +104,12 @@ KINDS: tuple[Kind, ...] = (
         column_kinds.load_dependent_friction,
     ),
     Kind(
+        "bearing_friction",
+        "every joint",
+        "4 % of the link torque of the joint behind (of the last joint: before it)",
+        column_kinds.bearing_friction,
+    ),
+    Kind(
         "position_dependent_friction",
         "turning joints",
         "2.2 % of the effort limit, once per turn",

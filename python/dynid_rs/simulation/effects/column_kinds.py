@@ -14,6 +14,7 @@ Joints = tuple[int, ...]
 
 STRIBECK, STRIBECK_SPEED = 0.03, 0.05
 LOAD_FRICTION, LOAD_FRICTION_SPEED = 0.06, 0.02
+BEARING_FRICTION = 0.04
 POSITION_FRICTION = (0.02, 0.01)
 POSITION_CYCLES = 1.0
 HYSTERESIS, PRESLIDING, LOAD_HYSTERESIS = 0.03, 1e-2, 0.06
@@ -49,6 +50,15 @@ def load_dependent_friction(site: Site, joints: Joints, size: float) -> LabEffec
     }
     shape = {"transition_width": site.arm.transition_width}
     return column_effect("load_dependent_friction", joints, size, shape, coefficients)
+
+
+def bearing_friction(site: Site, joints: Joints, size: float) -> LabEffect:
+    """Friction that grows with what the joint behind carries, of the last joint the one before it."""
+    coefficients = {"bearing_friction": at_joints(joints, site.n_joints, BEARING_FRICTION * size)}
+    side = np.ones(site.n_joints)
+    side[-1] = -1.0
+    shape = {"side": side, "transition_width": site.arm.transition_width}
+    return column_effect("bearing_friction", joints, size, shape, coefficients)
 
 
 def position_dependent_friction(site: Site, joints: Joints, size: float) -> LabEffect:

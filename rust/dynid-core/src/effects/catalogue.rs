@@ -7,8 +7,8 @@ use super::entry::{
     Coefficient, Diagnosis, Entry, Need, Places, Reference, Rule, Scale, ShapeParameter, Sign,
 };
 use super::{
-    counterbalance, coupled_friction, friction, friction_hysteresis, gear_hysteresis,
-    inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
+    bearing_friction, counterbalance, coupled_friction, friction, friction_hysteresis,
+    gear_hysteresis, inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
     position_dependent_friction, rotor_inertia, smooth_friction, stribeck, temperature_friction,
     thermal_friction, torque_offset, torque_ripple, torque_saturation, FRICTION_NAMES, N_FRICTION,
     TAU_MOTOR,
@@ -113,7 +113,7 @@ const FRICTION: [Coefficient; N_FRICTION] = [
 ];
 
 /// Every kind of effect; those of declared models come first.
-pub static CATALOGUE: [Entry; 18] = [
+pub static CATALOGUE: [Entry; 19] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -262,6 +262,22 @@ pub static CATALOGUE: [Entry; 18] = [
         diagnosis: drawn_against("tau_link", "{torque}"),
         check: nothing_more,
         columns: load_dependent_friction::columns,
+    },
+    Entry {
+        kind: "bearing_friction",
+        formula: "m |tau_link_n| s(dq_motor), n the joint before or behind",
+        coefficients: &[coefficient("bearing_friction", "1", Sign::NonNegative)],
+        shape: &[
+            shape("side", "1", Rule::Side, &[-1.0, 1.0]).of(Reference::Chain),
+            TRANSITION_WIDTH,
+            SHARPNESS,
+        ],
+        signals: &["dq_motor", "tau_link"],
+        memory: 0,
+        declared: false,
+        diagnosis: drawn_against("tau_link", "{torque}"),
+        check: nothing_more,
+        columns: bearing_friction::columns,
     },
     Entry {
         kind: "position_dependent_friction",

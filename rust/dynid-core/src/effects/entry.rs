@@ -244,6 +244,8 @@ pub enum Reference {
     Load,
     /// The greatest speed.
     Speed,
+    /// The chain: values are places along it from the joint, and those where there is none are left out.
+    Chain,
 }
 
 impl Reference {
@@ -255,6 +257,7 @@ impl Reference {
             Self::FrictionSharpness => "friction_sharpness",
             Self::Load => "load",
             Self::Speed => "speed",
+            Self::Chain => "chain",
         }
     }
 }
@@ -299,6 +302,8 @@ pub enum Rule {
     Positive,
     /// At least zero.
     NonNegative,
+    /// Along the chain, -1 or 1.
+    Side,
     /// Index along the chain of another joint, or -1 for none; a search tries every other joint, so the grid is empty.
     Partner,
 }
@@ -311,6 +316,7 @@ impl Rule {
             Self::Any => "must be finite",
             Self::Positive => "must be positive",
             Self::NonNegative => "must be at least 0",
+            Self::Side => "must be -1 (the joint before) or 1 (the joint behind)",
             Self::Partner => "must be the index of another joint, or -1 for none",
         }
     }
@@ -323,6 +329,7 @@ impl Rule {
                 Self::Any => true,
                 Self::Positive => value > 0.0,
                 Self::NonNegative => value >= 0.0,
+                Self::Side => value.abs() == 1.0,
                 Self::Partner => {
                     value == -1.0 || (0..n_joints).any(|other| other != j && value == other as f64)
                 }

@@ -3,6 +3,7 @@
 //! `tau_j = columns_j(input; shape, memory) · coefficients_j`. One file per effect with its formula, one entry in the
 //! [`catalogue`] with its names. The same columns are fitted offline and summed online, so the two cannot drift apart.
 
+mod bearing_friction;
 pub mod catalogue;
 mod counterbalance;
 mod coupled_friction;

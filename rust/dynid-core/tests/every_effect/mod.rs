@@ -32,6 +32,8 @@ fn value(parameter: &str, j: usize) -> f64 {
         "phase" => 1.0 + k,
         "gas_length" => 2.0 - 0.1 * k,
         "partner" => k - 1.0,
+        "side" if j == 0 => 1.0,
+        "side" => -1.0,
         "ratio" => 0.5 - k,
         "cycles" => 2.0 + k,
         "presliding_distance" => 0.01,

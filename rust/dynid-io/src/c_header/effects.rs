@@ -34,7 +34,7 @@ macro_rules! form {
     };
 }
 
-static FORMS: [Form; 18] = [
+static FORMS: [Form; 19] = [
     form!("rotor_inertia", []),
     form!("torque_offset", []),
     form!("friction", [DIRECTION, FRICTION_COLUMNS]),
@@ -42,6 +42,7 @@ static FORMS: [Form; 18] = [
     form!("stribeck", [DIRECTION, FRICTION_SIGN]),
     form!("counterbalance", []),
     form!("load_dependent_friction", [DIRECTION, FRICTION_SIGN]),
+    form!("bearing_friction", [DIRECTION, FRICTION_SIGN]),
     form!("position_dependent_friction", [DIRECTION, FRICTION_SIGN]),
     form!("friction_hysteresis", [BRISTLES]),
     form!("load_hysteresis", [BRISTLES]),

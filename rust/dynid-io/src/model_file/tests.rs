@@ -338,6 +338,7 @@ fn every_kind_of_the_catalogue_survives_the_file() {
     let base = model();
     let value = |name: &str| match name {
         "partner" => [1.0, -1.0],
+        "side" => [1.0, -1.0],
         "a" => [1.0, 0.5],
         "gas_length" => [0.9, -0.1],
         _ => [0.1, 0.3],
