@@ -62,7 +62,8 @@ def bearing_friction(rng: np.random.Generator, world: World) -> Effect:
         return on(s, j, size * np.abs(s.tau_link[:, beside]) * world.sign(s.dq_motor)[:, j])
 
     return Effect(
-        "bearing_friction", (j,), "motor", part, 0.35, lambda size: {"bearing_friction": size}, shape={"beside": beside},
+        "bearing_friction", (j,), "motor", part, 0.35,
+        lambda size: {"bearing_friction": size}, shape={"beside": beside},
     )  # fmt: skip
 
 
