@@ -1,4 +1,4 @@
-"""`python tests/side_by_side.py [ARGUMENT...]`: the test files in as many processes of pytest as there are cores.
+"""`python tests/side_by_side.py [ARGUMENT...]`: the test files in as many processes of pytest as there are cores, and one.
 
 A process is as good as the whole run: no worker shares a standard stream or a thread with its neighbours, as tests that
 start, stop and kill processes need it. A file stays whole and beside the others of its room, for tests share what is
@@ -19,6 +19,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 LONG = ("whole/test_measured.py", "house/test_docs.py", "equations/test_paper.py")
 """Files of about a minute and more. Each begins early and alone: none is the one that all others wait for."""
+WAITING = 1
+"""Processes beyond one a core: what waits for a command, a clock or a browser leaves a seventh of all time otherwise."""
 LEAST = 2
 """Files of a process: starting one takes two seconds."""
 NONE_COLLECTED = 5
@@ -30,7 +32,7 @@ def main(arguments: list[str]) -> int:
     """Run all tests; the worst exit code. What each process says is printed when all have ended, failures last."""
     cores = os.cpu_count() or 1
     parts = shared_out(sorted(HERE.rglob("test_*.py")), [HERE / name for name in LONG], cores)
-    with ThreadPoolExecutor(cores) as pool:
+    with ThreadPoolExecutor(cores + WAITING) as pool:
         ended = list(pool.map(lambda part: _run(part, arguments), parts))
     for _, text in sorted(ended):
         print(text, flush=True)

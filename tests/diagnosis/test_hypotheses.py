@@ -47,6 +47,13 @@ def test_a_stage_takes_the_power_of_its_own_speed():
     assert_allclose(power, u * (own[0] * np.tanh(u / WIDTH) + own[1] * u), rtol=1e-9, atol=1e-12)
 
 
+def test_a_bearing_is_under_the_joints_beside_it():
+    """Before and behind, where there is one."""
+    grid = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1)).catalogue.grid
+    sides = {(s.joints[0], dict(s.shape)["side"]) for s in grid if s.kind == "bearing_friction"}
+    assert sides == {(0, 1.0), (1, -1.0), (1, 1.0), (2, -1.0)}
+
+
 def test_inertia_couples_two_joints_alike():
     """The mass matrix is symmetric."""
     shaped = Shaped("inertial_coupling", (ELBOW, WRIST), (("partner", -1.0),))

@@ -121,6 +121,21 @@ def test_a_ripple_is_told_by_its_first_harmonic(cycles):
     assert dict(found.shape)["cycles"] == pytest.approx(cycles, rel=0.02)
 
 
+def test_what_goes_round_does_so_on_the_joint_s_way(monkeypatch):
+    """With less than a cycle on it any curve is a part of the wave, and the likeliest order is none."""
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    start = next(s for s in belief.catalogue.grid if (s.kind, s.joints) == ("torque_ripple", (1,)))
+
+    def slower_is_better(self, tried):
+        return [Score(-dict(h.shape)["cycles"], 1.0) for h in tried]
+
+    monkeypatch.setattr(Beside, "screened", slower_is_better)
+    (ripple,) = belief.catalogue.of([start])
+    found = dict(polished(belief.beside, belief.catalogue, ripple).shape)["cycles"]
+    turns = np.ptp(np.concatenate([states.q[:, 1] for states in belief.catalogue.runs])) / (2 * np.pi)
+    assert 1.0 <= found * turns < 1.2
+
+
 def test_where_every_multiple_does_as_well_one_is_enough(monkeypatch):
     belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
     (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])

@@ -225,11 +225,17 @@ class Catalogue:
     def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
         parameters = CATALOGUE[kind]["shape"]
         names = [parameter["name"] for parameter in parameters]
-        least, most = CYCLES_SHOWN.get(kind, (0.0, np.inf))
+        _, most = CYCLES_SHOWN.get(kind, (0.0, np.inf))
         for values in product(*(self._values(parameter, j) for parameter in parameters)):
             shape = tuple(zip(names, values, strict=True))
-            if is_valid(kind, shape) and least <= dict(shape).get("cycles", 0.0) * self._turns[j] <= most:
+            few = dict(shape).get("cycles", 0.0) * self._turns[j] <= most
+            if few and is_valid(kind, shape) and self.returns(Shaped(kind, (j,), shape)):
                 yield shape
+
+    def returns(self, s: Shaped) -> bool:
+        """Whether what goes round does so at least once on the joint's way; true of what does not go round."""
+        least, _ = CYCLES_SHOWN.get(s.kind, (0.0, np.inf))
+        return bool(dict(s.shape).get("cycles", 0.0) * self._turns[s.joints[0]] >= least)
 
     def _values(self, parameter: dict[str, Any], j: int) -> list[float]:
         """Values of a shape parameter on joint j in its own unit."""

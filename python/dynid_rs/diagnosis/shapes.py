@@ -62,7 +62,7 @@ def _near(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> tuple
             if not in_range(parameter, new):
                 return None
             moved = moved.with_shape(parameter["name"], new)
-        return moved if is_valid(moved.kind, moved.shape) else None
+        return moved if is_valid(moved.kind, moved.shape) and catalogue.returns(moved) else None
 
     def less(x: np.ndarray) -> float:
         nonlocal best

@@ -6,6 +6,7 @@
 //! ```
 
 mod adapting;
+mod listening;
 mod stuck;
 mod windowed;
 
@@ -17,13 +18,12 @@ use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
-use crate::observer::{MomentumObserver, ObserverSettings};
+use crate::observer::MomentumObserver;
 use crate::slices::{copy, mirror_fields, Mirror};
 use crate::state::State;
 use crate::stream::{Place, Stream};
 use crate::track::{Track, MOST_STEPS};
-use crate::uncertainty::Uncertainty;
-use crate::watch::{Change, Healthy, Watch, WatchSettings};
+use crate::watch::{Change, Watch};
 
 /// Signals of motion: q, dq, ddq of the link side, then of the motor side, as in [`State`].
 pub const N_MOTION: usize = 6;
@@ -160,63 +160,6 @@ impl OnlineEstimator {
     pub fn unlimited(mut self) -> Self {
         self.estimator = self.estimator.unlimited();
         self
-    }
-
-    /// The same with an observer, for samples that hold the measured torque.
-    ///
-    /// # Errors
-    /// [`CoreError::Range`] if a setting is none.
-    pub fn observing(mut self, settings: ObserverSettings) -> Result<Self, CoreError> {
-        let model = self.estimator.shared_model();
-        self.observer = Some(MomentumObserver::new(model, settings)?);
-        Ok(self)
-    }
-
-    /// The same, whose observer ([`Self::observing`]) has thresholds that follow from how far off it is at each state.
-    ///
-    /// # Errors
-    /// [`CoreError`] if `uncertainty` is not of this model.
-    pub fn knowing(mut self, uncertainty: Arc<Uncertainty>) -> Result<Self, CoreError> {
-        let known = self.observer.map(|own| own.with_uncertainty(uncertainty));
-        self.observer = known.transpose()?;
-        Ok(self)
-    }
-
-    /// The same with a watch ([`Watch::new`]), for samples that hold the measured torque.
-    ///
-    /// # Errors
-    /// [`CoreError`] if a setting is none, a length is wrong or a value is none.
-    pub fn watching(
-        mut self,
-        settings: WatchSettings,
-        healthy: &Healthy,
-    ) -> Result<Self, CoreError> {
-        let model = self.estimator.shared_model();
-        self.watch = Some(Watch::new(model, settings, healthy)?);
-        Ok(self)
-    }
-
-    /// The watch, if there is one.
-    #[must_use]
-    pub fn watch(&self) -> Option<&Watch> {
-        self.watch.as_ref()
-    }
-
-    /// The watch, to let it remember or recall.
-    pub fn watch_mut(&mut self) -> Option<&mut Watch> {
-        self.watch.as_mut()
-    }
-
-    /// What the watch named at the last step, whose status has [`Status::CHANGED`] then.
-    #[must_use]
-    pub fn change(&self) -> Option<&Change> {
-        self.change.as_ref()
-    }
-
-    /// The observer, if there is one.
-    #[must_use]
-    pub fn observer(&self) -> Option<&MomentumObserver> {
-        self.observer.as_ref()
     }
 
     /// Torque of the last good step, n values \[torque unit\]; zeros before the first. Finite.

@@ -18,6 +18,7 @@ mod observer;
 mod offline;
 mod physical;
 mod rbf;
+mod residual;
 mod robot;
 mod run;
 mod samples;

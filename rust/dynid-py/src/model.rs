@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, EffectTerm, EncoderError, ErrorBand, Regression, Residual, ResidualInputs, Signal,
-    State, TorqueEstimator, TorqueModel,
+    Domain, EffectTerm, EncoderError, ErrorBand, Residual, Signal, State, TorqueEstimator,
+    TorqueModel,
 };
 use dynid_io::model_file;
 use dynid_offline::batch;
@@ -15,43 +15,16 @@ use pyo3::prelude::*;
 
 use crate::effects::PyEffect;
 use crate::lists::{optional, List};
-use crate::mixture::PyGaussianMixtureRegression;
 use crate::physical::PyPhysicalSet;
-use crate::rbf::PyNormalisedRbf;
+use crate::residual::{inputs_named, Named, PyRegression};
 use crate::robot::{PyRobotModel, Rebuild};
 use crate::run::{Predicted, RunArrays};
+use crate::signals::{cos_sin, delays};
 use crate::{arrays, errors, habits, small};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
 #[pyclass(name = "TorqueModel", module = "dynid_rs._core", frozen)]
 pub struct PyTorqueModel(pub Arc<TorqueModel>);
-
-/// Either regression of the third loop.
-#[derive(FromPyObject, IntoPyObject)]
-enum PyRegression {
-    Mixture(PyGaussianMixtureRegression),
-    Rbf(PyNormalisedRbf),
-}
-
-impl From<PyRegression> for Regression {
-    fn from(regression: PyRegression) -> Self {
-        match regression {
-            PyRegression::Mixture(mixture) => Self::Mixture(mixture.0),
-            PyRegression::Rbf(rbf) => Self::Rbf(rbf.0),
-        }
-    }
-}
-
-impl From<&Regression> for PyRegression {
-    fn from(regression: &Regression) -> Self {
-        match regression {
-            Regression::Mixture(mixture) => {
-                Self::Mixture(PyGaussianMixtureRegression(mixture.clone()))
-            }
-            Regression::Rbf(rbf) => Self::Rbf(PyNormalisedRbf(rbf.clone())),
-        }
-    }
-}
 
 type Made<'py> = PyResult<Bound<'py, PyAny>>;
 
@@ -60,52 +33,6 @@ type Evaluation<'py> = (
     Bound<'py, PyArray3<f64>>,
     Bound<'py, PyArray1<u32>>,
 );
-
-/// Name and joint of every signal that one regression sees.
-pub type Named = List<(String, usize)>;
-
-pub fn pair_named(name: &str) -> PyResult<ResidualInputs> {
-    ResidualInputs::PAIRS
-        .into_iter()
-        .find(|inputs| inputs.name() == name)
-        .ok_or_else(|| {
-            errors::value(format!(
-                "inputs must be \"deflection\", \"joint_state\" or \"load_free_deflection\", found {name:?}"
-            ))
-        })
-}
-
-pub fn signals_named(named: Named) -> PyResult<Vec<Signal>> {
-    named
-        .0
-        .into_iter()
-        .map(|(name, joint)| Signal::named(&name, joint))
-        .collect::<Result<_, _>>()
-        .map_err(|error| errors::value(error.to_string()))
-}
-
-/// What the regressions see: a pair by its name, or `"signals"` with the signals of every joint.
-fn inputs_named(name: &str, signals: Option<List<Named>>) -> PyResult<ResidualInputs> {
-    match (name, signals) {
-        ("signals", Some(joints)) => {
-            let joints = joints.0.into_iter().map(signals_named);
-            Ok(ResidualInputs::Signals(joints.collect::<PyResult<_>>()?))
-        }
-        ("signals", None) => Err(errors::value(
-            "residual_signals is missing, one list of (name, joint) per joint",
-        )),
-        (name, Some(_)) => Err(errors::value(format!(
-            "residual_signals is for a residual of \"signals\", found {name:?}"
-        ))),
-        (name, None) => pair_named(name),
-    }
-}
-
-/// One row of two numbers per joint.
-pub fn cos_sin(error: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
-    let error = arrays::matrix(error, "encoder_error", 2)?;
-    Ok(error.as_slice()?.as_chunks::<2>().0.to_vec())
-}
 
 impl PyTorqueModel {
     fn needs_no_temperature(&self) -> PyResult<()> {
@@ -116,15 +43,6 @@ impl PyTorqueModel {
         }
         Ok(())
     }
-}
-
-/// Delays \[s\] of `n` torque channels: one number for all, or one each.
-fn delays(given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<f64>> {
-    if given.len().is_err() {
-        return Ok(vec![given.extract()?; n]);
-    }
-    let each = arrays::vector(given, "torque_delay", Some(n))?;
-    Ok(each.as_slice()?.to_vec())
 }
 
 #[pymethods]

@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods}
 use pyo3::prelude::*;
 
 use crate::arrays;
-use crate::model::{cos_sin, pair_named, signals_named, Named};
+use crate::residual::{pair_named, signals_named, Named};
 use crate::run::{Predicted, RunArrays};
 
 /// What a regression of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
@@ -182,4 +182,19 @@ pub fn true_motion<'py>(
         arrays::to_matrix(py, dq, n)?,
         arrays::to_matrix(py, ddq, n)?,
     ))
+}
+
+/// One row of two numbers per joint.
+pub fn cos_sin(error: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
+    let error = arrays::matrix(error, "encoder_error", 2)?;
+    Ok(error.as_slice()?.as_chunks::<2>().0.to_vec())
+}
+
+/// Delays \[s\] of `n` torque channels: one number for all, or one each.
+pub fn delays(given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<f64>> {
+    if given.len().is_err() {
+        return Ok(vec![given.extract()?; n]);
+    }
+    let each = arrays::vector(given, "torque_delay", Some(n))?;
+    Ok(each.as_slice()?.to_vec())
 }

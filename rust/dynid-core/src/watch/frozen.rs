@@ -13,7 +13,7 @@ use crate::slices::{mirror_fields, Mirror};
 const LATE: f64 = 0.01;
 
 /// For as long a frozen channel is *named*, then *settled*, as other changes are \[rows\].
-const SETTLED: f64 = super::SETTLED as f64;
+const SETTLED: f64 = super::judging::SETTLED as f64;
 
 /// How values of a channel repeat while the arm moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -4,9 +4,11 @@
 //! explains all joints at once; the best names of single joints together are its rival. A name that does not take half of what is left
 //! off is none. A change is one only if its interval lies beyond what is tolerated.
 
+use super::changes::{of_arm, INTERVAL};
+use super::judging::{ROUGH, SURE};
 use super::sequential::Evidence;
 use super::solve::{Solved, REACH};
-use super::{of_arm, Change, Kind, Named, Said, Watch, INTERVAL, ROUGH, SURE};
+use super::{Change, Kind, Named, Said, Watch};
 use crate::slices::at;
 
 /// Usual size of a change over what is tolerated.

@@ -3,8 +3,9 @@
 //! Only what was judged to its end is in them; the row in the making is lost with the program.
 
 use super::frozen::{Channel, Spoken};
+use super::judging::{LONGEST, SETTLED};
 use super::solve::{LoadSums, PLACES};
-use super::{Change, Kind, Phase, Said, Watch, LONGEST, SETTLED};
+use super::{Change, Kind, Phase, Said, Watch};
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::judging::{LONGEST, SETTLED};
 use super::remembered::{Range, N_PHASE};
 use super::rows::product;
 use super::sequential::{log_ratio, Evidence, SequentialTest, SIZES};
 use super::solve::{mass_in, LoadSums, PLACES};
-use super::{Change, Healthy, Kind, Phase, Said, Watch, WatchSettings, LONGEST, SETTLED};
+use super::{Change, Healthy, Kind, Phase, Said, Watch, WatchSettings};
 use crate::dynamics::{
     begin_inverse_dynamics, begin_last_link, end_inverse_dynamics_into, end_last_link_into,
     inverse_dynamics_into, joint_torque_regressor_into, Workspace,

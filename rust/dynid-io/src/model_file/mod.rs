@@ -4,6 +4,7 @@
 //! changed anywhere is refused rather than believed.
 
 mod effect_part;
+mod residual_part;
 mod schema;
 
 use std::fs;
