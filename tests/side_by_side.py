@@ -1,4 +1,4 @@
-"""`python tests/side_by_side.py [ARGUMENT...]`: the test files in as many processes of pytest as there are cores, and one.
+"""`python tests/side_by_side.py [ARGUMENT...]`: the test files in a process of pytest per core, and one more.
 
 A process is as good as the whole run: no worker shares a standard stream or a thread with its neighbours, as tests that
 start, stop and kill processes need it. A file stays whole and beside the others of its room, for tests share what is
@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 LONG = ("whole/test_measured.py", "house/test_docs.py", "equations/test_paper.py")
 """Files of about a minute and more. Each begins early and alone: none is the one that all others wait for."""
 WAITING = 1
-"""Processes beyond one a core: what waits for a command, a clock or a browser leaves a seventh of all time otherwise."""
+"""Processes beyond one a core: what waits for a command, a clock or a browser leaves a seventh of all time free."""
 LEAST = 2
 """Files of a process: starting one takes two seconds."""
 NONE_COLLECTED = 5
