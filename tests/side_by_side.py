@@ -20,12 +20,12 @@ HERE = Path(__file__).parent
 LONG = ("whole/test_measured.py", "house/test_docs.py", "equations/test_paper.py")
 """Files of about a minute and more. Each begins early and alone: none is the one that all others wait for."""
 WAITING = 1
-"""Processes beyond one a core: what waits for a command, a clock or a browser leaves a seventh of all time free."""
+"""Processes beyond one a core: some wait for a command, a clock or a browser."""
 LEAST = 2
 """Files of a process: starting one takes two seconds."""
 NONE_COLLECTED = 5
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"} | os.environ
-"""Each process has one core. More threads than cores spin while they wait for each other, up to half of all time."""
+"""Each process has one thread. More threads than cores spin while they wait for each other, up to half of all time."""
 
 
 def main(arguments: list[str]) -> int:

@@ -1102,11 +1102,12 @@ def effect_catalogue() -> list[dict[str, Any]]:
 
         Of a shape parameter: `name`, `unit`, `rule`; `grid`: values that a search begins with; `relative_to`: None
         (they are in its unit), "load" (they are parts of the predicted load's standard deviation), "speed" (of the
-        joint's greatest speed), "friction_width" or "friction_sharpness" (it is that of friction's own sign, and the
-        grid, in its unit, is for where there is no fit); `absent`: what it is where it is not given, None where it has
-        to be; `not_below`: the shape parameter below which it is not searched, or None; `lowest`, `highest`, `scale`:
-        bounds between which a search goes on, in its unit, and whether in even steps of the value ("linear") or of its
-        magnitude's logarithm ("log"), None if it does not. Values of the grid outside of the bounds are not searched.
+        joint's greatest speed), "chain" (they are places along it from the joint), "friction_width" or
+        "friction_sharpness" (it is that of friction's own sign, and the grid, in its unit, is for where there is no
+        fit); `absent`: what it is where it is not given, None where it has to be; `not_below`: the shape parameter
+        below which it is not searched, or None; `lowest`, `highest`, `scale`: bounds between which a search goes on,
+        in its unit, and whether in even steps of the value ("linear") or of its magnitude's logarithm ("log"), None if
+        it does not. Values of the grid outside of the bounds are not searched.
     """
 
 def effect_columns(

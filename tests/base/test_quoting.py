@@ -9,7 +9,7 @@ from helpers.small_arm import dynid, refusal, study
 
 from dynid_rs.base.quoting import shown, shown_ends
 from dynid_rs.base.units import plain_unit
-from dynid_rs.diagnosis.wording import number_words
+from dynid_rs.diagnosis.wording import effect_words, number_words
 
 
 def test_versions_without_an_end_are_quoted_short(tmp_path):
@@ -105,3 +105,11 @@ def test_a_unit_is_typed_without_needless_brackets():
     assert plain_unit("1") == ""
     number = {"name": "hysteresis_rate", "value": 2.0, "unit": "1/(A)^2"}
     assert number_words(number) == "hysteresis_rate 2.00 1/A^2"
+
+
+def test_a_neighbour_is_said_by_its_name() -> None:
+    numbers = [("bearing_friction", 0.008, "1"), ("side", -1.0, "1")]
+    parameters = [{"name": name, "value": value, "unit": unit} for name, value, unit in numbers]
+    entry = {"kind": "bearing_friction", "joints": ["elbow"], "parameters": parameters, "ties": []}
+    said = effect_words(entry, ["shoulder", "elbow", "wrist"])
+    assert said == "bearing friction on elbow under the torque of shoulder: bearing_friction 0.00800"

@@ -63,6 +63,18 @@ def test_a_step_moves_every_shape_and_none_out_of_its_range():
     assert peak.shape_at(ELBOW)["stribeck_velocity"] == 0.1
 
 
+def test_a_step_leads_to_no_ripple_that_does_not_return(monkeypatch):
+    """Less than a cycle on the joint's way is any curve, and the likelier for it."""
+    effects = (Shaped("torque_ripple", (ELBOW,), (("cycles", 7.0),)).placed(),)
+    belief = Belief.in_declared(Setup(ROBOT, effects=effects), measured("stribeck:elbow"))
+    slopes = [slope for slope in effect_slopes(belief) if slope.name == "cycles"]
+    monkeypatch.setattr(belief.catalogue, "_turns", np.full(3, 0.15))
+    (ripple,), _ = _moved(belief, slopes, np.array([-0.03]))
+    assert ripple.shape_at(ELBOW)["cycles"] == pytest.approx(7.0 * np.exp(-0.03))
+    (ripple,), _ = _moved(belief, slopes, np.array([-0.3]))
+    assert ripple.shape_at(ELBOW)["cycles"] == 7.0
+
+
 def test_a_change_of_structure_that_makes_the_data_less_probable_is_taken_back():
     belief = Belief.in_declared(Setup(ROBOT), measured())
     place = ("encoder_eccentricity", (ELBOW,))

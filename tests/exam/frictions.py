@@ -63,7 +63,7 @@ def bearing_friction(rng: np.random.Generator, world: World) -> Effect:
 
     return Effect(
         "bearing_friction", (j,), "motor", part, 0.35,
-        lambda size: {"bearing_friction": size}, shape={"beside": beside},
+        lambda size: {"bearing_friction": size}, shape={"side": float(beside - j)},
     )  # fmt: skip
 
 

@@ -96,6 +96,8 @@ def same_thing(effect: dict[str, Any], told: dict[str, Any]) -> bool:
         return True
     if not effect["joints"] or not set(effect["joints"]) <= set(told["joints"]):
         return False
+    if kind == "bearing_friction" and not _same_side(effect, told):
+        return False
     return kind != "torque_ripple" or _same_order(effect, told)
 
 
@@ -104,6 +106,12 @@ def _same_order(effect: dict[str, Any], told: dict[str, Any]) -> bool:
     orders = [p["value"] for p in effect.get("parameters", []) if p["name"].startswith("cycles")]
     true = told["shape"]["cycles"]
     return not orders or any(abs(order / (true * n) - 1) < ORDER for order in orders for n in (1, 2))
+
+
+def _same_side(effect: dict[str, Any], told: dict[str, Any]) -> bool:
+    """A bearing is right under the neighbour that tilts it; a tie tells none."""
+    sides = [p["value"] for p in effect.get("parameters", []) if p["name"] == "side"]
+    return not sides or sides == [told["shape"]["side"]]
 
 
 def _key(effect: dict[str, Any]) -> tuple[str, tuple[str, ...]]:

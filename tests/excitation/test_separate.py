@@ -118,6 +118,12 @@ def test_a_bearing_rubs_under_the_torque_of_a_neighbour(robot, design, joint):
         assert_allclose(columns[:, k], expected, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize(("wish", "words"), [("2:side=1", "behind"), ("0:side=-1", "before")])
+def test_a_bearing_needs_the_neighbour_that_is_named(robot, wish, words):
+    with pytest.raises(ValueError, match=f"there is no joint {words} {robot.joint_names[int(wish[0])]}"):
+        ShapedEffect.of(parse_effect(f"bearing_friction:{wish}", robot), robot)
+
+
 def test_a_saturation_is_of_the_links_and_the_rotor(robot, design):
     """Of what the robot file tells of the motors' torque; friction it does not."""
     motion = design.trajectory_.evaluate(np.linspace(0, 8, 50))

@@ -490,7 +490,7 @@ def test_the_catalogue_says_where_a_kind_acts_and_what_it_takes():
     assert kinds_that(lambda entry: "load" in entry["requires"]) == loaded
     assert kinds_that(lambda entry: "temperature" in entry["requires"]) == {"temperature_friction"}
     assert CATALOGUE["gear_hysteresis"]["requires"] == ["two_encoders", "load"]
-    turning = {"counterbalance", "position_dependent_friction", "torque_ripple"}
+    turning = {"counterbalance", "position_dependent_friction", "torque_ripple", "bearing_friction"}
     assert kinds_that(lambda entry: "revolute" in entry["requires"]) == turning
 
 

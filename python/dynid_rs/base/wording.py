@@ -24,6 +24,12 @@ def kind_words(kind: str) -> str:
     return kind.replace("_dependent_", "-dependent ").replace("_", " ")
 
 
+def under_words(effect: Mapping[str, Any], joints: Sequence[str]) -> str:
+    """``under the torque of joint_2`` where an effect is made of a neighbour's load; empty of all others."""
+    side = next((p["value"] for p in effect.get("parameters") or () if p["name"] == "side"), None)
+    return "" if side is None else f"under the torque of {joints[joints.index(effect['joints'][0]) + int(side)]}"
+
+
 def is_friction(kind: str) -> bool:
     """Whether a kind of torque brakes the motion: friction by any law, and what is lost where a motion turns round."""
     return kind.startswith("stribeck") or any(word in kind for word in ("friction", "hysteresis"))

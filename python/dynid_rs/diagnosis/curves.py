@@ -118,14 +118,16 @@ def _drawn_over(effect: PlacedEffect) -> int:
     """The joint whose signal an effect is drawn over: another one's acceleration, a neighbour's load, else its own."""
     j = effect.acting[0]
     if effect.kind == "inertial_coupling":
-        return effect.joints[-1]
+        return next((other for other in effect.joints if other != j), j)
     return j + int(effect.shape_at(j).get("side", 0.0))
 
 
 def _joined(found: Belief, signal: str, j: int) -> FloatArray:
     """A signal of joint j at the rows of the fit."""
     parts = [np.asarray(getattr(states, signal))[states.rows, j] for states in found.catalogue.runs]
-    return np.concatenate(parts)
+    # The rigid body is in the unit of the first joint's channel where currents were learned from.
+    scale = found.fit.links_.torque_scale_[j] if signal == "tau_link" else 1.0
+    return np.asarray(scale * np.concatenate(parts))
 
 
 def _way(states: States, j: int) -> FloatArray:

@@ -233,7 +233,7 @@ class Catalogue:
                 yield shape
 
     def returns(self, s: Shaped) -> bool:
-        """Whether what goes round does so at least once on the joint's way; true of what does not go round."""
+        """Whether ripple goes round at least once on the joint's way; true of all other kinds."""
         least, _ = CYCLES_SHOWN.get(s.kind, (0.0, np.inf))
         return bool(dict(s.shape).get("cycles", 0.0) * self._turns[s.joints[0]] >= least)
 
@@ -246,9 +246,14 @@ class Catalogue:
         if parameter["name"] in self._friction(j):
             return [self._friction(j)[parameter["name"]]]
         if parameter["relative_to"] == "chain":
-            return [float(side) for side in parameter["grid"] if 0 <= j + side < self.fit.robot.n_joints]
+            return [float(side) for side in parameter["grid"] if self._carries(j + int(side))]
         unit = {"load": self._load[j], "speed": self._speed[j]}.get(parameter["relative_to"] or "", 1.0)
         return [float(value * unit) for value in parameter["grid"]]
+
+    def _carries(self, j: int) -> bool:
+        """Whether there is such a joint, which turns and has a load: what the one beside it may rub under."""
+        robot = self.fit.robot
+        return 0 <= j < robot.n_joints and robot.joint_kinds[j] == "revolute" and bool(self._load[j] > 0)
 
     def _friction(self, j: int) -> dict[str, float]:
         """Fitted coefficients of joint j's friction, by name: what a measured temperature scales."""

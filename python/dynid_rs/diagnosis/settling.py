@@ -83,7 +83,8 @@ def _moved(
             slope.name, value * float(np.exp(step)) if is_logarithmic(old.kind, slope.name) else value + step
         )
         parameter = next(p for p in searched(new.kind) if p["name"] == slope.name)
-        if in_range(parameter, dict(new.shape)[slope.name]) and is_valid(new.kind, new.shape):
+        may_be = in_range(parameter, dict(new.shape)[slope.name]) and is_valid(new.kind, new.shape)
+        if may_be and belief.catalogue.returns(new):
             effects[slope.effect] = new
     found = in_reach((width, sharpness), (friction.transition_width_, friction.sharpness_), belief.fit.runs_)
     return [shaped.placed() for shaped in effects.values()], found

@@ -11,7 +11,15 @@ from dynid_rs.base.mattering import matters
 from dynid_rs.base.numbers import interval as interval_said
 from dynid_rs.base.numbers import percent, significant
 from dynid_rs.base.units import plain_unit
-from dynid_rs.base.wording import concluded, in_families, is_better, kind_words, kinds_said, other_places
+from dynid_rs.base.wording import (
+    concluded,
+    in_families,
+    is_better,
+    kind_words,
+    kinds_said,
+    other_places,
+    under_words,
+)
 
 Result = Mapping[str, Any]
 
@@ -72,9 +80,11 @@ def kinds_words(entry: Result) -> str:
 
 def effect_words(entry: Result, joints: Sequence[str], *, intervals: bool = False) -> str:
     """An effect, its place and its numbers; `joints` are all joints of the robot."""
-    numbers = ", ".join(number_words(number, interval=intervals) for number in entry.get("parameters") or ())
+    said = [number for number in entry.get("parameters") or () if number["name"] != "side"]  # by the neighbour's name
+    numbers = ", ".join(number_words(number, interval=intervals) for number in said)
+    under = under_words(entry, joints)
     depends = "" if kinds_said(entry) else _depends(entry)
-    return named(entry, joints) + depends + (f": {numbers}" if numbers else "")
+    return named(entry, joints) + depends + (f" {under}" if under else "") + (f": {numbers}" if numbers else "")
 
 
 def number_words(number: Result, *, interval: bool = False) -> str:

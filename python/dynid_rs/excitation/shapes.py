@@ -63,6 +63,7 @@ class ShapedEffect:
         if effect.kind == TILT:
             return cls(robot, effect, [{}])
         grids = _grids(effect, robot)
+        _check_sides(effect, grids.get("side"), robot)
         middle = {name: effect.shape.get(name, grid[len(grid) // 2]) for name, grid in grids.items()}
         every = [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
         shaped = cls(robot, effect, [middle])
@@ -109,10 +110,10 @@ class ShapedEffect:
         """Columns that read the load of the joints beside: each copy of the joint stands between copies of them."""
         (joint,) = self.effect.joints
         around = np.pad(tau_link, [(0, 0), (1, 1)])[:, joint : joint + 3]
-        signals = [np.repeat(x[:, [joint]], 3 * len(shapes), axis=1) for x in motion]
+        q, dq, ddq = (np.repeat(x[:, [joint]], 3 * len(shapes), axis=1) for x in motion)
         effect = self._core_effect([shape for shape in shapes for _ in range(3)], joint)
         loads = np.tile(around, (1, len(shapes)))
-        return {joint: _core.effect_columns(effect, *signals, tau_link=loads, step=step)[:, 1::3]}
+        return {joint: _core.effect_columns(effect, q, dq, ddq, tau_link=loads, step=step)[:, 1::3]}
 
     def _felt(self, shapes: Sequence[Shape]) -> FloatArray:
         """Coefficients (n_shapes, n_columns) on the second joint of a pair over those on the first."""
@@ -178,6 +179,19 @@ def _grids(effect: NamedEffect, robot: RobotModel) -> dict[str, list[float]]:
             values.append(effect.shape[name])
         grids[name] = values
     return grids
+
+
+def _check_sides(effect: NamedEffect, sides: list[float] | None, robot: RobotModel) -> None:
+    """Refuse what needs a joint beside its own where there is none."""
+    if sides is None:
+        return
+    there = [k for k in (effect.joints[0] - 1, effect.joints[0] + 1) if 0 <= k < robot.n_joints]
+    if not there or any(effect.joints[0] + side not in there for side in sides):
+        where = {1.0: "behind ", -1.0: "before "}.get(effect.shape.get("side", 0.0), "beside ") if there else "beside "
+        raise ValueError(
+            f"--separate {effect.text(robot.joint_names)}: there is no joint {where}"
+            f"{robot.joint_names[effect.joints[0]]}"
+        )
 
 
 def _mirrored(name: str, shape: Shape) -> float:

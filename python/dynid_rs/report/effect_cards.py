@@ -7,7 +7,7 @@ from typing import Any
 
 from dynid_rs.base.mattering import measured
 from dynid_rs.base.units import unit_text
-from dynid_rs.base.wording import kinds_said
+from dynid_rs.base.wording import kinds_said, under_words
 from dynid_rs.report import curves
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.families import Family, Member, families, where_of
@@ -83,7 +83,8 @@ def _member(figures: Figures, result: Result, family: Family, member: Member, *,
     entry, k = member.entry, member.rank - 1
     joints = ", ".join(breakable(joint) for joint in entry["joints"])
     head = f"<h4>{joints}</h4>\n" if several else ""
-    note = f'<p class="note">{esc(capital(entry["note"]))}.</p>' if entry.get("note") else ""
+    notes = [entry.get("note"), under_words(entry, result["joints"])]
+    note = "".join(f'<p class="note">{esc(capital(text))}.</p>' for text in notes if text)
     name = family.name if not family.unknown else "what is found"
     where_ = entry["joints"][0] if several else ""
     drawn = curves.curve(figures, f"effect-{k}", entry.get("plot"), result, capital(name), where_)
@@ -148,6 +149,7 @@ def _parameters(entry: Result) -> str:
             cell(interval(p.get("interval")), "num soft"),
         ]
         for p in entry.get("parameters") or []
+        if p["name"] != "side"  # the note below says it by the neighbour's name
     ]
     head = ["Size", "Value", "95 % interval"]
     return table(head, rows, kind="tight", label="Sizes of this effect") if rows else ""

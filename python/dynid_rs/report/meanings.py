@@ -6,7 +6,7 @@ MEANINGS = {
     "stribeck": "Friction is greatest just after the joint starts to move and falls as its lubricant film builds up.",
     "counterbalance": "A gas cylinder or spring carries part of the arm\u2019s weight.",
     "load_dependent_friction": "Friction grows with the torque that the gear carries.",
-    "bearing_friction": "Friction grows with the torque of the joint beside it, which tilts its bearing.",
+    "bearing_friction": "Friction grows with the torque of the joint beside it, as in a bearing that it tilts.",
     "position_dependent_friction": "Friction changes with the joint\u2019s angle, as of a gear that is not round.",
     "friction_hysteresis": "After a reversal friction builds up over a short way (presliding) instead of at once.",
     "load_hysteresis": "Friction grows with the gear\u2019s load, and builds up over a short way after each reversal.",

@@ -105,7 +105,7 @@ KINDS: tuple[Kind, ...] = (
     ),
     Kind(
         "bearing_friction",
-        "every joint",
+        "turning joints",
         "4 % of the link torque of the joint behind (of the last joint: before it)",
         column_kinds.bearing_friction,
     ),

@@ -54,7 +54,7 @@ impl OnlineEstimator {
         self.watch.as_mut()
     }
 
-    /// What the watch named at the last step, whose status has [`Status::CHANGED`] then.
+    /// What the watch named at the last step, whose status has [`Status::CHANGED`](crate::estimator::Status::CHANGED) then.
     #[must_use]
     pub fn change(&self) -> Option<&Change> {
         self.change.as_ref()

@@ -71,7 +71,11 @@ pub(super) const BEARING_FRICTION: Entry = Entry {
     signals: &["dq_motor", "tau_link"],
     memory: 0,
     declared: false,
-    diagnosis: drawn_against("tau_link", "{torque}"),
+    diagnosis: Diagnosis {
+        // Between a joint that slides and one that turns it would be no number, and no bearing tilts.
+        requires: &[Need::Revolute],
+        ..drawn_against("tau_link", "{torque}")
+    },
     check: nothing_more,
     columns: bearing_friction::columns,
 };
