@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from exam.catalogue import MAKERS, STRANGERS
 from exam.channels import late
 from exam.declared import Declared, declare, rows_of, rows_of_smooth
-from exam.draw import STRANGE, Case, Wish, stream
+from exam.draw import LATER, STRANGE, Case, Wish, stream
 from exam.effects import Effect
 from exam.sensors import Sensors, deflection_noise, make_sensors, noise_rows
 from exam.world import States, World, gravity_difference, inverse_dynamics, make_world
@@ -101,7 +101,8 @@ def _placed(world, sensors, declared, wish: Wish, k: int, taken: set[str]) -> li
     makers = STRANGERS if wish.kind in STRANGE else MAKERS
     if taken & ALIKE:
         taken = taken | ALIKE
-    others = [kind for kind in makers if kind != wish.kind and kind not in taken and _possible(kind, world.case)]
+    apart = {wish.kind, *taken, *LATER}
+    others = [kind for kind in makers if kind not in apart and _possible(kind, world.case)]
     kinds = [wish.kind] if wish.kind not in taken and _possible(wish.kind, world.case) else []
     for kind in [*kinds, *rng.permutation(others)]:
         for _ in range(TRIES):
