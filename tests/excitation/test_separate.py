@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from helpers.robots import chain
 from helpers.small_arm import URDF, dynid, refusal, write_robot
 from numpy.testing import assert_allclose
 from scipy.linalg import orth
@@ -15,6 +16,7 @@ from dynid_rs.excitation.separating import separate
 from dynid_rs.excitation.separation import CUTOFF, RATE, WEAK, WIDTHS, Separation
 from dynid_rs.excitation.shapes import ShapedEffect
 from dynid_rs.runs.preprocessing import ROW_RATE, Band
+from dynid_rs.simulation import build_effects, parse_wish, typical_arm
 
 LEAST_SQUARES = {"rtol": 1e-5, "atol": 0}
 """Two orders of elimination, on columns of which some nearly repeat others."""
@@ -122,6 +124,14 @@ def test_a_bearing_rubs_under_the_torque_of_a_neighbour(robot, design, joint):
 def test_a_bearing_needs_the_neighbour_that_is_named(robot, wish, words):
     with pytest.raises(ValueError, match=f"there is no joint {words} {robot.joint_names[int(wish[0])]}"):
         ShapedEffect.of(parse_effect(f"bearing_friction:{wish}", robot), robot)
+
+
+def test_one_joint_has_no_neighbour_to_rub_under():
+    alone = RobotModel.from_urdf_string(chain(["revolute"]))
+    with pytest.raises(ValueError, match="there is no joint beside j1"):
+        ShapedEffect.of(parse_effect("bearing_friction:0", alone), alone)
+    with pytest.raises(ValueError, match="needs two joints, and this robot has one"):
+        build_effects([parse_wish("bearing_friction")], typical_arm(alone))
 
 
 def test_a_saturation_is_of_the_links_and_the_rotor(robot, design):

@@ -63,7 +63,6 @@ class ShapedEffect:
         if effect.kind == TILT:
             return cls(robot, effect, [{}])
         grids = _grids(effect, robot)
-        _check_sides(effect, grids.get("side"), robot)
         middle = {name: effect.shape.get(name, grid[len(grid) // 2]) for name, grid in grids.items()}
         every = [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
         shaped = cls(robot, effect, [middle])
@@ -174,24 +173,22 @@ def _grids(effect: NamedEffect, robot: RobotModel) -> dict[str, list[float]]:
             continue
         values = [float(value) for value in parameter["grid"]]
         if parameter["relative_to"] == "chain":
-            values = [side for side in values if 0 <= effect.joints[0] + side < robot.n_joints]
+            values = _sides(effect, values, robot)
         if name in effect.shape and effect.shape[name] not in values:
             values.append(effect.shape[name])
         grids[name] = values
     return grids
 
 
-def _check_sides(effect: NamedEffect, sides: list[float] | None, robot: RobotModel) -> None:
-    """Refuse what needs a joint beside its own where there is none."""
-    if sides is None:
-        return
-    there = [k for k in (effect.joints[0] - 1, effect.joints[0] + 1) if 0 <= k < robot.n_joints]
-    if not there or any(effect.joints[0] + side not in there for side in sides):
-        where = {1.0: "behind ", -1.0: "before "}.get(effect.shape.get("side", 0.0), "beside ") if there else "beside "
-        raise ValueError(
-            f"--separate {effect.text(robot.joint_names)}: there is no joint {where}"
-            f"{robot.joint_names[effect.joints[0]]}"
-        )
+def _sides(effect: NamedEffect, sides: list[float], robot: RobotModel) -> list[float]:
+    """Those of the sides on which there is a joint; one that is asked for and has none is refused, and so is none."""
+    (joint,), given = effect.joints, effect.shape.get("side")
+    there = [side for side in sides if 0 <= joint + side < robot.n_joints]
+    if not there or (given in sides and given not in there):
+        where = {-1.0: "before", 1.0: "behind"}.get(given or 0.0, "beside")
+        names = robot.joint_names
+        raise ValueError(f"--separate {effect.text(names)}: there is no joint {where} {names[joint]}")
+    return there
 
 
 def _mirrored(name: str, shape: Shape) -> float:

@@ -33,6 +33,8 @@ class Kind:
         (site, joints, size) -> LabEffect.
     either_sign : bool
         Whether the size may be negative.
+    needs_another : bool
+        Whether another joint has to be there, although it acts on one alone.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Kind:
     default: str
     build: Callable[[Site, tuple[int, ...], float], LabEffect]
     either_sign: bool = False
+    needs_another: bool = False
 
 
 KINDS: tuple[Kind, ...] = (
@@ -108,6 +111,7 @@ KINDS: tuple[Kind, ...] = (
         "turning joints",
         "4 % of the link torque of the joint behind (of the last joint: before it)",
         column_kinds.bearing_friction,
+        needs_another=True,
     ),
     Kind(
         "position_dependent_friction",

@@ -87,7 +87,7 @@ def _joints(kind: Kind, joint: str | None, site: Site) -> tuple[int, ...]:
     able = tuple(j for j in everywhere if site.turning[j] or kind.where not in TURNING)
     if not able:
         raise ValueError(f"{kind.name} needs a joint that turns, and this robot has none")
-    if (kind.where == "pair" or kind.name == "bearing_friction") and site.n_joints < 2:
+    if (kind.where == "pair" or kind.needs_another) and site.n_joints < 2:
         raise ValueError(f"{kind.name} needs two joints, and this robot has one")
     if joint is None:
         return _own_place(kind, able, site)

@@ -1,7 +1,7 @@
 //! Friction of a joint's bearing, which carries what the joint beside it makes: `m |tau_link_n| s(v)`, s friction's sign
 //!
-//! The axes of neighbours mostly cross, and then the torque about one is a moment that tilts the bearing of the other. So a
-//! first joint that turns about the vertical, whose gear carries no weight at all, rubs more the further the arm reaches out.
+//! Where the axes of neighbours cross, the torque about one is a moment that tilts the bearing of the other. So a first joint
+//! that turns about the vertical, whose gear carries no weight at all, rubs more the further the arm reaches out.
 
 use super::smooth_friction::own_sign;
 use super::EffectInput;
