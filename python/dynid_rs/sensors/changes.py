@@ -16,6 +16,7 @@ from dynid_rs.runs.checks.excitation import TOGETHER
 from dynid_rs.runs.checks.motion import correlation
 from dynid_rs.sensors.fit import ArmFit, ArmPrior, fit_arm, fit_arms
 from dynid_rs.sensors.rows import ArmRows, Moments
+from dynid_rs.sensors.weighed import Weighed
 
 FloatArray = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ class Bench:
 
     robot: _core.RobotModel
     rows: tuple[ArmRows, ...]
+    given: tuple[Moments, ...] | None = None
+    """Moments of the runs, where something else tells them."""
 
     @cached_property
     def prior(self) -> ArmPrior:
@@ -47,7 +50,16 @@ class Bench:
     @cached_property
     def moments(self) -> tuple[Moments, ...]:
         """Moments of the runs, all channels."""
-        return tuple(Moments.of(self.robot, rows) for rows in self.rows)
+        return self.given or tuple(Moments.of(self.robot, rows) for rows in self.rows)
+
+    def turned(self, gravity: FloatArray) -> Bench:
+        """The runs under another gravity (3,) [m/s^2], without another pass over them."""
+        moments = tuple(run.moments(gravity) for run in self._weighed)
+        return Bench(self.robot.with_gravity(gravity.tolist()), self.rows, moments)
+
+    @cached_property
+    def _weighed(self) -> tuple[Weighed, ...]:
+        return tuple(Weighed.of(self.robot, rows) for rows in self.rows)
 
     @cached_property
     def plain(self) -> tuple[Moments, ...]:

@@ -28,7 +28,7 @@ from dynid_rs.sensors.gravity import gravity_trial, is_another
 from dynid_rs.sensors.lag import Lag, lags
 from dynid_rs.sensors.payload import payload_trials
 from dynid_rs.sensors.rows import ArmRows
-from dynid_rs.sensors.units import unit_fit, unit_trials
+from dynid_rs.sensors.units import unit_fits, unit_trials
 
 FloatArray = NDArray[np.float64]
 
@@ -78,12 +78,12 @@ def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_uni
             return _likeliest(_candidates(bench, names, gravity_trial, sized=True, declared=declared))
         if not declared:
             return []  # neither gains nor links are known: nothing says how large, or of what sign, a torque has to be
-        fit, gains = unit_fit(bench)
+        [(fit, gains)] = unit_fits([bench])
         scaled = Bench(robot, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
 
         def turned(_: Bench) -> tuple[Trial, FloatArray]:
             # Under another gravity other gains are likely; densities are those of the scaled torque, like the others'.
-            return gravity_trial(scaled, lambda other: _less(unit_fit(Bench(other, bench.rows))[0], fit, scaled.fit))
+            return gravity_trial(bench, lambda others: [_less(own, fit, scaled.fit) for own, _ in unit_fits(others)])
 
         return _likeliest(_candidates(scaled, names, turned, sized=False, declared=True))
 
@@ -169,7 +169,7 @@ def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]
         steep = bool(np.median(steepness[late]) < STEEP * usual)
         if _clearly_late(lag, steep=steep):
             # Where all are late nothing says how their noise falls off: what they make of the motion has to.
-            filtered = steep and (not late.all() or lag.filter_log - lag.trial.fit.log > ENOUGH)
+            filtered = steep and (not late.all() or lag.filter_log() - lag.trial.fit.log > ENOUGH)
             found.append((lag, steep, filtered))
     if not found:
         return
@@ -180,13 +180,14 @@ def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]
 
 
 def _clearly_late(lag: Lag, *, steep: bool) -> bool:
-    joints = list(lag.trial.joints)
-    # Friction that remembers looks late too, but its noise does not fall off.
-    gain = lag.trial.fit.log if steep else min(lag.trial.fit.log, lag.links_log)
+    joints, gained = list(lag.trial.joints), lag.trial.fit.log - lag.in_time.log
     ratio = lag.in_time.share[joints] / np.maximum(lag.trial.fit.share[joints], 1e-300)
     # Drives share a clock; what lags on one joint alone is rather a gear that yields.
     clearly = CLEARLY_LATE if len(joints) > 1 else CLEARLY
-    return gain - lag.in_time.log > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > clearly)
+    if gained <= ENOUGH or abs(lag.delay) <= LEAST_LATE or float(np.median(ratio)) <= clearly:
+        return False
+    # Friction that remembers looks late too, but its noise does not fall off.
+    return steep or lag.links_log() - lag.in_time.log > ENOUGH
 
 
 def _clear(bench: Bench, trial: Trial) -> bool:

@@ -96,9 +96,13 @@ def fit_arm(prior: ArmPrior, runs: Sequence[Moments], size: FloatArray) -> ArmFi
 
 
 def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArray) -> list[ArmFit]:
-    """`fit_arm` of the same runs as several changes have them, side by side: systems this small are mostly overhead."""
-    n = len(size)
+    """`fit_arm` of the same runs as several changes have them, side by side: systems this small are mostly overhead.
+
+    `size` (n_joints,) of all of them, or (n_tried, n_joints).
+    """
+    n = size.shape[-1]
     n_links = len(prior.mean)
+    size = np.broadcast_to(size, (len(tried), n))
     all_columns = np.array([[run.columns for run in runs] for runs in tried])
     all_cross = np.array([[run.cross[:, :, 0] for run in runs] for runs in tried])
     all_power = np.array([[run.power[:, 0] for run in runs] for runs in tried])
@@ -113,10 +117,10 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
     # What friction, offset and rotor may be: as large as the torque.
     squares = np.diagonal(columns, axis1=2, axis2=3)[:, :, n_links:]
     norms = np.sqrt(np.maximum(squares / count[:, :, None], 1e-300))
-    precision[:, n_links:] = (np.where(norms > 1e-100, norms / size[:, None], 1.0) ** 2).reshape(n_tried, -1)
+    precision[:, n_links:] = (np.where(norms > 1e-100, norms / size[:, :, None], 1.0) ** 2).reshape(n_tried, -1)
     bounded = np.flatnonzero(diagonal >= n_links).reshape(n, n_own)[:, 1:].ravel()
     floor = (LEAST_NOISE * size) ** 2
-    variance = np.broadcast_to(0.01 * size**2, (n_tried, n))
+    variance = 0.01 * size**2
     for _ in range(N_ROUNDS):
         H, b = _weighted(columns, cross, 1 / variance / MEMORY, n_links)
         H[:, diagonal, diagonal] += precision
@@ -127,7 +131,7 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
         variance = np.maximum(left / count, floor)
     price = np.sum(precision * (x - mean) ** 2, axis=1)
     log = -0.5 * np.sum(count / MEMORY * np.log(variance), axis=1) - 0.5 * price
-    per_run = _left(all_columns, all_cross, all_power, at[:, None]) / np.maximum(counts, 1.0) / size**2
+    per_run = _left(all_columns, all_cross, all_power, at[:, None]) / np.maximum(counts, 1.0) / size[:, None] ** 2
     share = left / count / size**2
     return [ArmFit(*found) for found in zip(x, share, variance, log.tolist(), per_run, strict=True)]
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import _core
 from dynid_rs.sensors.changes import Bench, Trial
-from dynid_rs.sensors.fit import ArmFit
-from dynid_rs.sensors.rows import Moments
+from dynid_rs.sensors.fit import ArmFit, fit_arms
 
 FloatArray = NDArray[np.float64]
 
@@ -21,20 +19,22 @@ ELSEWHERE = 0.02
 STEPS = (0.4, 0.2, 0.1, 0.05)
 """Turns [rad] that are tried about the best direction so far, one after the other."""
 GRAIN = 1.5 * STEPS[-1]
-"""Turn [rad] up to which a direction is the robot's own: the last steps across it, and what they may be off by. A base
+"""Turn [rad] up to which a direction is the robot's own: the last step, and what it may be off by. A base
 that is so little off level is a tilt, which a diagnosis names."""
 
 
-def gravity_trial(bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | None = None) -> tuple[Trial, FloatArray]:
+def gravity_trial(
+    bench: Bench, fitted: Callable[[Sequence[Bench]], list[ArmFit]] | None = None
+) -> tuple[Trial, FloatArray]:
     """The gravity (3,) [m/s^2] under which the runs are most probable: any direction, the robot's size or Earth's.
 
-    `fitted` explains the runs with another robot; as they stand on the bench by default.
+    `fitted` explains the runs under several gravities; as they stand on the bench by default.
     """
+    fits = _as_they_stand if fitted is None else fitted
 
-    def tried(gravity: FloatArray) -> Trial:
-        robot = bench.robot.with_gravity(gravity.tolist())
-        fit = _as_they_stand(bench, robot) if fitted is None else fitted(robot)
-        return Trial("mounting", tuple(range(robot.n_joints)), tuple(range(len(bench.rows))), fit)
+    def likeliest(gravities: Sequence[FloatArray]) -> tuple[ArmFit, FloatArray]:
+        found = zip(fits([bench.turned(gravity) for gravity in gravities]), gravities, strict=True)
+        return max(found, key=lambda one: one[0].log)
 
     declared = float(np.linalg.norm(bench.robot.gravity))
     strengths = [declared] if declared > 0 else []
@@ -42,19 +42,11 @@ def gravity_trial(bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | N
         strengths.append(EARTH)
     corners = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
     directions = [corner / np.linalg.norm(corner) for corner in corners if np.any(corner)]
-    starts = [(strength, direction) for strength in strengths for direction in directions]
-    trials = [tried(strength * direction) for strength, direction in starts]
-    best = max(range(len(trials)), key=lambda k: trials[k].fit.log)
-    trial, (strength, direction) = trials[best], starts[best]
+    best = likeliest([strength * direction for strength in strengths for direction in directions])
     for step in STEPS:
-        for across in _across(direction):
-            for turn in (step, -step):
-                turned = np.cos(turn) * direction + np.sin(turn) * across
-                other = tried(strength * turned)
-                if other.fit.log > trial.fit.log:
-                    trial, direction = other, turned / np.linalg.norm(turned)
-                    break
-    return trial, strength * direction
+        best = max(best, likeliest(_around(best[1], step)), key=lambda one: one[0].log)
+    n = bench.robot.n_joints
+    return Trial("mounting", tuple(range(n)), tuple(range(len(bench.rows))), best[0]), best[1]
 
 
 def is_another(gravity: FloatArray, declared: FloatArray) -> bool:
@@ -65,13 +57,15 @@ def is_another(gravity: FloatArray, declared: FloatArray) -> bool:
     return float(gravity @ declared) < float(np.cos(GRAIN)) * size * was
 
 
-def _as_they_stand(bench: Bench, robot: _core.RobotModel) -> ArmFit:
-    n = robot.n_joints
-    return bench.fitted([Moments.of(robot, rows).picked(range(n)) for rows in bench.rows])
+def _as_they_stand(benches: Sequence[Bench]) -> list[ArmFit]:
+    return fit_arms(benches[0].prior, [bench.plain for bench in benches], benches[0].size)
 
 
-def _across(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors (3,) at right angles to a direction and to each other."""
-    first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
-    first /= np.linalg.norm(first)
-    return first, np.cross(direction, first)
+def _around(gravity: FloatArray, turn: float) -> list[FloatArray]:
+    """Eight vectors (3,) as long as one, in a ring of half angle `turn` [rad] around it."""
+    first = np.cross(gravity, np.eye(3)[int(np.argmin(np.abs(gravity)))])
+    first *= np.linalg.norm(gravity) / np.linalg.norm(first)
+    second = np.cross(gravity, first) / np.linalg.norm(gravity)
+    angles = np.arange(8) * np.pi / 4
+    across = [np.cos(angle) * first + np.sin(angle) * second for angle in angles]
+    return [np.cos(turn) * gravity + np.sin(turn) * aside for aside in across]

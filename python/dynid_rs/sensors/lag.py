@@ -1,26 +1,30 @@
-"""Torque channels that come late: a delay is given to what the model says, and tried in turn."""
+"""Torque channels that come late: they are put earlier, or what the model says later, and the runs explained again.
+
+A channel that is put earlier keeps the model's columns, so that many delays are one pass over the rows. Only where one
+is found the columns are moved: the links' without friction's, and through filters, which nothing undoes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.sensors.changes import Bench, Trial
-from dynid_rs.sensors.fit import ArmFit
+from dynid_rs.sensors.fit import ArmFit, fit_arms
 from dynid_rs.sensors.loss import LossyRows, lossy_arm
-from dynid_rs.sensors.rows import N_OWN, Moments
+from dynid_rs.sensors.rows import N_OWN, ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 
 NEAR = (-0.01, 0.01)
-"""Delays [s] that are tried first: towards a delay that is there runs become more probable from the first step on."""
+"""Delays [s] of which one has to pay: towards a delay that is there runs become likelier from the first step on."""
 FAR = (-0.03, 0.025, 0.05, 0.09, 0.15)
-"""Those that are tried where one of the first is better than none; the best is refined."""
+"""Those that are tried beside them; the best is refined."""
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Response = Callable[[ComplexArray], ComplexArray]
 """What a channel makes of a sine: of i omega T (n_frequencies,), where T is how late slow ones are."""
@@ -52,107 +56,115 @@ PAD = 20
 class Lag:
     """The channels of `trial.joints` come late by `delay` [s].
 
-    `in_time` is the same model without the delay. `links_log` is L where the links' torque alone is late: friction that
-    remembers where it came from looks late too. `filter_log`, of all channels together, is L behind the likeliest
-    filter in the delay's place.
+    `in_time` is the same model without the delay. `links_log` tells L where the links' torque alone is late: friction
+    that remembers where it came from looks late too. `filter_log` tells L behind the likeliest filter in the delay's
+    place.
     """
 
     trial: Trial
     delay: float
     in_time: ArmFit
-    links_log: float = -np.inf
-    filter_log: float = -np.inf
+    links_log: Callable[[], float]
+    filter_log: Callable[[], float]
 
 
 @dataclass(frozen=True, eq=False)
-class Spectra:
-    """A run's columns by frequency, joint by joint: a delay only turns them.
+class Shifter:
+    """Goes on with a run at both ends, `size` rows in all, and moves it in time as a `Response` says."""
 
-    `parts` (n_frequencies, k_j) of every joint, of `size` rows each, `PAD` and what is before them included.
-    """
-
-    lossy: LossyRows
+    n_rows: int
+    step: float
     size: int
-    parts: list[NDArray[np.complex128]]
 
     @staticmethod
-    def of(bench: Bench, lossy: LossyRows) -> Spectra:
-        """Spectra of a run, which goes on at both ends."""
+    def of(rows: ArmRows) -> Shifter:
+        """For the rows of a run."""
         from scipy.fft import next_fast_len
 
-        rows = lossy.rows
         # A length of small factors: another one may cost ten times as much.
         size = next_fast_len(len(rows.t) + 2 * PAD, real=True)
-        more = size - len(rows.t) - PAD
-        parts = []
-        for j in range(rows.n_joints):
-            A = lossy.columns(bench.robot, j)
-            # Turned about its ends: values and slopes go on.
-            head, tail = 2 * A[0] - A[PAD:0:-1], 2 * A[-1] - A[-2 : -more - 2 : -1]
-            parts.append(np.fft.rfft(np.concatenate([head, A, tail]), axis=0))
-        return Spectra(lossy, size, parts)
+        return Shifter(len(rows.t), float(rows.t[1] - rows.t[0]), size)
 
-    def moments(self, bench: Bench, delay: float, response: Response, *, whole: bool) -> Moments:
-        """Moments of the run with every joint's torque late by `delay` [s], or with the links' alone."""
-        rows = self.lossy.rows
-        step = float(rows.t[1] - rows.t[0])
-        turn = response(2j * np.pi * delay * np.fft.rfftfreq(self.size, step))[:, None]
+    def spectrum(self, x: FloatArray) -> NDArray[np.complex128]:
+        """Of signals (n_rows, k), turned about their ends: values and slopes go on."""
+        more = self.size - self.n_rows - PAD
+        head, tail = 2 * x[0] - x[PAD:0:-1], 2 * x[-1] - x[-2 : -more - 2 : -1]
+        return np.asarray(np.fft.rfft(np.concatenate([head, x, tail]), axis=0))
 
-        def shifted(j: int) -> FloatArray:
-            late = np.fft.irfft(self.parts[j] * turn, self.size, axis=0)[PAD : PAD + len(rows.t)]
-            if not whole:
-                # What a gear loses belongs to its links.
-                late[:, -N_OWN - 1 : -1] = rows.columns(bench.robot, j)[:, -N_OWN:]
-            return np.asarray(late)
+    def shifted(self, spectrum: NDArray[np.complex128], delay: float, response: Response) -> FloatArray:
+        """The signals (n_rows, k) later by `delay` [s]."""
+        turn = response(2j * np.pi * delay * np.fft.rfftfreq(self.size, self.step))[:, None]
+        return np.asarray(np.fft.irfft(spectrum * turn, self.size, axis=0)[PAD : PAD + self.n_rows])
 
-        return self.lossy.moments(bench.robot, shifted)
+
+def early(bench: Bench, lossy: LossyRows, moments: Moments, delays: Sequence[float]) -> Moments:
+    """Moments of a run whose channel number k is a joint's own torque put earlier by the delay number k [s]."""
+    shifter, tau = Shifter.of(lossy.rows), lossy.rows.tau
+    spectrum = shifter.spectrum(tau)
+    channels = [shifter.shifted(spectrum, -delay, _late) if delay else tau for delay in delays]
+    return lossy.channels(bench.robot, moments, np.stack(channels, axis=2))
+
+
+def behind(bench: Bench, lossy: LossyRows, delay: float, response: Response, *, whole: bool) -> Moments:
+    """Moments of a run with every joint's torque late by `delay` [s] in the model, or the links' torque alone."""
+    shifter, rows = Shifter.of(lossy.rows), lossy.rows
+
+    def shifted(j: int) -> FloatArray:
+        late = shifter.shifted(shifter.spectrum(lossy.columns(bench.robot, j)), delay, response)
+        if not whole:
+            # What a gear loses belongs to its links.
+            late[:, -N_OWN - 1 : -1] = rows.columns(bench.robot, j)[:, -N_OWN:]
+        return late
+
+    return lossy.moments(bench.robot, shifted)
 
 
 def lags(bench: Bench, enough: float) -> list[Lag]:
     """Delays that make the runs more probable by `enough` nats: of all channels, and of each; the best of each."""
     n = bench.robot.n_joints
     groups = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
-    seen: dict[tuple[float, Response, bool], list[Moments]] = {}
     arm = lossy_arm(bench)
-    spectra = [Spectra.of(bench, rows) for rows in arm.rows]
 
-    def changed(delay: float, joints: Sequence[int], response: Response, *, whole: bool = True) -> list[Moments]:
-        key = delay, response, whole
-        if key not in seen:
-            seen[key] = [own.moments(bench, delay, response, whole=whole) for own in spectra]
+    @cache
+    def channels(delays: tuple[float, ...]) -> list[Moments]:
+        return [early(bench, *run, (0.0, *delays)) for run in zip(arm.rows, arm.moments, strict=True)]
+
+    def modelled(joints: tuple[int, ...], delay: float, response: Response = _late, *, whole: bool = True) -> float:
         mask = np.isin(np.arange(n), joints)
-        return [plain.where(mask, other) for plain, other in zip(arm.moments, seen[key], strict=True)]
+        late = [behind(bench, rows, delay, response, whole=whole) for rows in arm.rows]
+        return bench.fitted([plain.where(mask, other) for plain, other in zip(arm.moments, late, strict=True)]).log
 
-    def tried(delay: float, joints: Sequence[int], response: Response = _late) -> Lag:
-        runs = changed(delay, joints, response)
-        trial = Trial("torque_late", tuple(joints), tuple(range(len(bench.rows))), bench.fitted(runs))
-        return Lag(trial, delay, arm.fit)
+    def filtered(joints: tuple[int, ...], delay: float) -> float:
+        def after(response: Response) -> Callable[[Sequence[float]], list[float]]:
+            return lambda delays: [modelled(joints, other, response) for other in delays]
 
-    def filter_log(lag: Lag) -> float:
-        behind = [partial(tried, joints=lag.trial.joints, response=response) for response in FILTERS]
-        return max(_log(_refined(again(lag.delay), again)) for again in behind)
+        return max(_refined(delay, after(response))[1] for response in FILTERS)
+
+    def fits(delays: Sequence[float], joints: tuple[int, ...]) -> list[ArmFit]:
+        at = [[1 + k if j in joints else 0 for j in range(n)] for k in range(len(delays))]
+        return fit_arms(bench.prior, [[run.picked(own) for run in channels(tuple(delays))] for own in at], bench.size)
+
+    def logs(delays: Sequence[float], joints: tuple[int, ...]) -> list[float]:
+        return [fit.log for fit in fits(delays, joints)]
 
     found = []
-    for group in groups:
-        best = max((tried(delay, group) for delay in NEAR), key=_log)
-        if _log(best) <= arm.fit.log:
+    for joints in groups:
+        first = logs((*NEAR, *FAR), joints)
+        if max(first[: len(NEAR)]) <= arm.fit.log or max(first) - arm.fit.log < enough:
             continue
-        best = max((best, *(tried(delay, group) for delay in FAR)), key=_log)
-        if _log(best) - arm.fit.log >= enough:
-            best = _refined(best, partial(tried, joints=group))
-            links = bench.fitted(changed(best.delay, group, _late, whole=False)).log
-            behind = filter_log(best) if len(group) == n else -np.inf
-            found.append(replace(best, links_log=links, filter_log=behind))
+        delay, _ = _refined((*NEAR, *FAR)[int(np.argmax(first))], partial(logs, joints=joints))
+        trial = Trial("torque_late", joints, tuple(range(len(bench.rows))), fits([delay], joints)[0])
+        links = partial(modelled, joints, delay, whole=False)
+        found.append(Lag(trial, delay, arm.fit, links, partial(filtered, joints, delay)))
     return found
 
 
-def _log(lag: Lag) -> float:
-    return lag.trial.fit.log
-
-
-def _refined(best: Lag, again: Callable[[float], Lag]) -> Lag:
-    step = 0.4 * abs(best.delay)
+def _refined(delay: float, logs: Callable[[Sequence[float]], list[float]]) -> tuple[float, float]:
+    """The likeliest delay near one and its logarithm, by halving steps."""
+    best = delay, logs([delay])[0]
+    step = 0.4 * abs(delay)
     for _ in range(5):
-        best = max((best, again(best.delay + step), again(best.delay - step)), key=_log)
+        aside = [best[0] + step, best[0] - step]
+        best = max(best, *zip(aside, logs(aside), strict=True), key=lambda one: one[1])
         step /= 2
     return best

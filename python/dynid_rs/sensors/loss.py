@@ -8,7 +8,7 @@ positions late that are not, and torques in time that are late.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,17 @@ class LossyRows:
         """Moments of the run, every joint with its own channel."""
         own = (lambda j: self.columns(robot, j)) if seen is None else seen
         return Moments.of(robot, self.rows, own).picked(range(self.rows.n_joints))
+
+    def channels(self, robot: _core.RobotModel, moments: Moments, tau: FloatArray) -> Moments:
+        """`moments` of the run with other channels, k of each joint's own: `tau` (n_rows, n_joints, k)."""
+        cross = np.zeros((*moments.columns.shape[:2], tau.shape[2]))
+        power = np.empty((len(cross), tau.shape[2]))
+        for j in range(len(cross)):
+            told = self.rows.told[:, j]
+            own = tau[told, j]
+            cross[j, 10 * j :] = self.columns(robot, j)[told].T @ own
+            power[j] = np.sum(own**2, axis=0)
+        return replace(moments, cross=cross, power=power)
 
 
 @dataclass(frozen=True, eq=False)

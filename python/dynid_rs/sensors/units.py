@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.sensors.changes import Bench, Trial
-from dynid_rs.sensors.fit import MEMORY, ArmFit
+from dynid_rs.sensors.fit import MEMORY, ArmFit, fit_arms
 from dynid_rs.sensors.rows import N_OWN
 
 FloatArray = NDArray[np.float64]
@@ -22,62 +23,69 @@ rotor could be all of it, and no gain is told."""
 def unit_trials(bench: Bench) -> Iterator[tuple[Trial, FloatArray]]:
     """Gains [N m per what was recorded] of every channel, in all runs or in one; with the gains (n_joints,)."""
     for runs in bench.places:
-        fit, gains = _gains(bench, runs)
+        [(fit, gains)] = _gains([bench], runs)
         yield Trial("torque_unit", tuple(range(len(gains))), runs, fit), gains
 
 
-def unit_fit(bench: Bench) -> tuple[ArmFit, FloatArray]:
-    """Fit with gains [N m/A] of all channels (n_joints,), where every joint has one of its own for certain."""
-    return _gains(bench, range(len(bench.plain)))
+def unit_fits(benches: Sequence[Bench]) -> list[tuple[ArmFit, FloatArray]]:
+    """Fits with gains [N m/A] of all channels (n_joints,), where every joint has one of its own for certain.
+
+    The same runs on all benches.
+    """
+    return _gains(benches, range(len(benches[0].plain)))
 
 
-def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
-    """Fit links and gains in turn, from what the robot file predicts."""
-    n = bench.robot.n_joints
-    gains = np.ones(n)
-    x = np.concatenate([bench.prior.mean, np.zeros(N_OWN * n)])
-    rest = [k for k in range(len(bench.plain)) if k not in runs]
+def _gains(benches: Sequence[Bench], runs: Sequence[int]) -> list[tuple[ArmFit, FloatArray]]:
+    """Fit links and gains of several benches in turn, from what the robot file predicts."""
+    first = benches[0]
+    n, n_runs = first.robot.n_joints, len(first.plain)
+    gains = np.ones((len(benches), n))
+    rest = [k for k in range(n_runs) if k not in runs]
     if rest:  # the other runs tell more than any file
-        x = bench.fitted([bench.plain[k] for k in rest]).x
-    elif not np.any(bench.prior.mean):
-        x = bench.fit.x
-    best: tuple[ArmFit, FloatArray] | None = None
+        x = [bench.fitted([bench.plain[k] for k in rest]).x for bench in benches]
+    elif not np.any(first.prior.mean):
+        x = [bench.fit.x for bench in benches]
+    else:
+        x = [np.concatenate([bench.prior.mean, np.zeros(N_OWN * n)]) for bench in benches]
+    columns = np.array([np.sum([bench.plain[k].columns for k in runs], axis=0) for bench in benches])
+    cross = np.array([np.sum([bench.plain[k].cross[:, :, 0] for k in runs], axis=0) for bench in benches])
+    best: list[tuple[ArmFit, FloatArray]] = []
     for _ in range(N_ROUNDS):
-        told = np.array([_gain(bench, runs, x, j) for j in range(n)])
-        if np.isnan(told).all():
-            told = gains
+        told = _told(columns, cross, np.array(x)[:, : len(first.prior.mean)])
+        gains = np.where(np.isnan(told).all(axis=1, keepdims=True), gains, told)
         # A channel that says nothing is in the unit of the others.
-        gains = np.where(np.isnan(told), np.nanmedian(told), told)
+        gains = np.where(np.isnan(gains), np.nanmedian(gains, axis=1, keepdims=True), gains)
         tried = [
-            bench.moments[k].picked(range(n), gains) if k in runs else plain for k, plain in enumerate(bench.plain)
+            [bench.moments[k].picked(range(n), own) if k in runs else bench.plain[k] for k in range(n_runs)]
+            for bench, own in zip(benches, gains, strict=True)
         ]
-        scale = gains if not rest else np.ones(n)
-        fit = bench.fitted(tried, bench.size * scale)
-        x = fit.x
+        fits = fit_arms(first.prior, tried, first.size * (1.0 if rest else gains))
+        x = [fit.x for fit in fits]
         # Densities of what was recorded, not of what it would be in N m.
-        stretched = sum(bench.plain[k].count @ np.log(gains) for k in runs) / MEMORY
-        fit = ArmFit(fit.x, fit.share, fit.variance, fit.log + float(stretched), fit.run_shares)
-        if best is None or fit.log > best[0].log:
-            best = fit, gains
-    assert best is not None
+        stretched = np.log(gains) @ np.sum([first.plain[k].count for k in runs], axis=0) / MEMORY
+        fits = [replace(fit, log=fit.log + float(more)) for fit, more in zip(fits, stretched, strict=True)]
+        now = list(zip(fits, gains, strict=True))
+        best = [max(pair, key=lambda one: one[0].log) for pair in zip(best or now, now, strict=True)]
     return best
 
 
-def _gain(bench: Bench, runs: Sequence[int], x: FloatArray, j: int) -> float:
-    """Power of the links' torque over its product with the channel, beside the joint's own columns; NaN: not told."""
-    n_links = len(bench.prior.mean)
-    columns = np.sum([bench.plain[k].columns[j] for k in runs], axis=0)
-    cross = np.sum([bench.plain[k].cross[j, :, 0] for k in runs], axis=0)
-    phi = x[:n_links]
-    own = np.arange(n_links, n_links + N_OWN)
+def _told(columns: FloatArray, cross: FloatArray, phi: FloatArray) -> FloatArray:
+    """Power of the links' torque over its product with the channel, beside the joint's own columns; NaN: not told.
+
+    columns (n_benches, n_joints, n, n), cross (n_benches, n_joints, n), phi (n_benches, 10 n_links): gains (n_benches,
+    n_joints).
+    """
+    n_links = phi.shape[1]
+    links, own = slice(n_links), slice(n_links, None)
     # Regress the links' torque and the channel on the own columns, and compare what is left.
-    A = columns[np.ix_(own, own)]
-    A = A + 1e-9 * np.diag(np.maximum(np.diag(A), 1e-300))
-    load = columns[:n_links, :n_links] @ phi
-    beside = columns[own][:, :n_links] @ phi
-    whole = float(phi @ load)
-    power = whole - float(beside @ np.linalg.solve(A, beside))
-    common = float(phi @ cross[:n_links] - beside @ np.linalg.solve(A, cross[own]))
-    if power <= LEAST_SHARE * whole or common <= 0:
-        return np.nan
-    return float(np.clip(power / common, 1e-6, 1e6))
+    A = columns[:, :, own, own].copy()
+    at = np.arange(A.shape[-1])
+    A[..., at, at] += 1e-9 * np.maximum(A[..., at, at], 1e-300)
+    load, beside = np.split(columns[..., links] @ phi[:, None, :, None], [n_links], axis=2)
+    whole = (phi[:, None, None] @ load)[..., 0, 0]
+    explained = np.linalg.solve(A, beside)[..., 0]
+    power = whole - np.sum(explained * beside[..., 0], axis=-1)
+    common = np.sum(phi[:, None] * cross[..., links], axis=-1) - np.sum(explained * cross[..., own], axis=-1)
+    is_told = (power > LEAST_SHARE * whole) & (common > 0)
+    gains: FloatArray = np.where(is_told, np.clip(power / np.where(is_told, common, 1.0), 1e-6, 1e6), np.nan)
+    return gains
