@@ -23,6 +23,9 @@ from dynid_rs.runs.recording import Recording
 FloatArray = NDArray[np.float64]
 Parts = list[NDArray[np.bool_]]
 
+N_ELSEWHERE = 600
+"""States at which joints' torques stay: ten for each of the numbers of six links."""
+
 
 def weighed_as(
     declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
@@ -30,7 +33,8 @@ def weighed_as(
     """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
 
     What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
-    right they would draw the links, and joints that have no name are predicted worse. At these weights the evidence
+    right they would draw the links, and joints that have no name are predicted worse; what they say more exactly moves
+    the links where no other joint feels it, on these runs or elsewhere. At these weights the evidence
     chooses the prior anew; where some joint is then predicted worse than by the declared fit, on parts that were left
     out, that of the declared fit, or else of `fit`, stays if it does no such harm.
 
@@ -56,7 +60,7 @@ def _at_a_prior_that_harms_nobody(
     links: LinkDynamicsIdentifier,
 ) -> ThreeLoopIdentifier:
     """Fit `again` at the weights of the declared fit, and at the most probable prior that does no harm."""
-    links.set_params(least_noise=_posterior(declared).noise_std)
+    links.set_params(least_noise=_posterior(declared).noise_std, elsewhere=_elsewhere(fit))
     weighed = again(links=links)
     likeliest, ways = _posterior(weighed).choice, _ways([len(states.rows) for states in fit.runs_])
     for choice in dict.fromkeys((likeliest, _posterior(declared).choice, _posterior(fit).choice)):
@@ -66,6 +70,19 @@ def _at_a_prior_that_harms_nobody(
         if not _does_harm(declared, tried, ways):
             return tried
     return weighed
+
+
+def _elsewhere(fit: ThreeLoopIdentifier) -> FloatArray:
+    """Columns of the links (N_ELSEWHERE, n_joints, 10 n_links) where every joint moves as on the runs, but by itself.
+
+    Joints that move together on the runs hide from each other what another run will show.
+    """
+    q, dq, ddq = (np.concatenate([getattr(states, name) for states in fit.runs_]) for name in ("q", "dq", "ddq"))
+    rng, size = np.random.default_rng(0), (N_ELSEWHERE, q.shape[1])
+    angles = rng.uniform(q.min(axis=0), q.max(axis=0), size)
+    rates = [rng.normal(size=size) * x.std(axis=0) for x in (dq, ddq)]
+    columns: FloatArray = fit.robot.joint_torque_regressor(angles, *rates)
+    return columns
 
 
 def _posterior(fit: ThreeLoopIdentifier) -> Posterior:

@@ -60,6 +60,9 @@ class LinkDynamicsIdentifier(Estimator):
         Relative change of the weights at which re-weighting stops.
     least_noise : ndarray (n_joints,), optional
         [torque unit] Under a prior joints weigh against each other as if none had less noise.
+    elsewhere : ndarray (n, n_joints, 10 n_links), optional
+        With `least_noise`, columns of the links at states that no run has shown: what joints' rows say more exactly
+        leaves the others' torques there as they are.
     believed : Choice, optional
         How far the prior is believed, instead of what the evidence chooses.
 
@@ -97,6 +100,7 @@ class LinkDynamicsIdentifier(Estimator):
         max_iter: int = 30,
         tol: float = 1e-3,
         least_noise: FloatArray | None = None,
+        elsewhere: FloatArray | None = None,
         believed: Choice | None = None,
     ) -> None:
         self.weighting = weighting
@@ -106,6 +110,7 @@ class LinkDynamicsIdentifier(Estimator):
         self.max_iter = max_iter
         self.tol = tol
         self.least_noise = least_noise
+        self.elsewhere = elsewhere
         self.believed = believed
 
     def fit(
@@ -210,6 +215,7 @@ class LinkDynamicsIdentifier(Estimator):
             held=held,
             scale=scale,
             least_noise=self.least_noise,
+            elsewhere=self.elsewhere,
             believed=self.believed,
         )
 

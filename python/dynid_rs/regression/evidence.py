@@ -119,6 +119,7 @@ def fit_with_prior(
     held: Posterior | None = None,
     scale: FloatArray | None = None,
     least_noise: FloatArray | None = None,
+    elsewhere: FloatArray | None = None,
     believed: Choice | None = None,
 ) -> Posterior:
     """Fit all unknowns under the weak prior.
@@ -139,6 +140,8 @@ def fit_with_prior(
         Where the search for the gains of the joints in `free` begins.
     least_noise : ndarray (n_joints,), optional
         [torque unit] Against each other joints weigh as if none had less noise.
+    elsewhere : ndarray (n, n_joints, 10 n_links), optional
+        Columns of the links at states that no run has shown, for `least_noise`: joints' torques stay there too.
     believed : Choice, optional
         Width, centre and size of bends of the prior, instead of those that the evidence chooses.
     """
@@ -189,7 +192,8 @@ def fit_with_prior(
     if least_noise is not None:
         model = replace(model, least_noise=LEAST_NOISE * size)
         noise = model.fit(choice, noise).noise
-        end = _kept_at(model, end, noise).at(choice, noise)
+        unseen = [] if elsewhere is None else _elsewhere(plan, model, elsewhere * scale[:, None])
+        end = _kept_at(model, end, noise, unseen).at(choice, noise)
     pull = prior.rows(choice)[0]
     n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
     return Posterior(
@@ -208,16 +212,31 @@ def fit_with_prior(
     )
 
 
-def _kept_at(model: LinearModel, fit: Fit, noise: FloatArray) -> LinearModel:
+def _elsewhere(plan: Plan, model: LinearModel, links: FloatArray) -> list[FloatArray]:
+    """Columns of every joint at other states, (n, k_j), of its links alone, as heavy as all rows together.
+
+    `links` (n, n_joints, 10 n_links) as the joints' channels show them.
+    """
+    found = []
+    for j, (part, at) in enumerate(zip(model.rows, model.places, strict=True)):
+        of_links = at < plan.n_base
+        rows = np.zeros((len(links), part.shape[1] - 1))
+        rows[:, of_links] = links[:, j, plan.pivots[at[of_links]]]
+        found.append(np.sqrt(model.n_rows / len(links)) * rows)
+    return found
+
+
+def _kept_at(model: LinearModel, fit: Fit, noise: FloatArray, elsewhere: Sequence[FloatArray]) -> LinearModel:
     """Return a model in which joints' torques stay at those of `fit` as much as they weighed more in it than now.
 
     To the joint whose noise has fallen most, to `noise` (n_joints,), all others weigh what they did in `fit`; what they
-    weigh more than their own rows do holds them where it has them.
+    weigh more than their own rows do holds them where it has them, on these rows and on those from `elsewhere`.
     """
     fallen = (fit.noise / noise) ** 2
     rows = []
-    for more, part, at in zip(fallen.max() / fallen - 1, model.rows, model.places, strict=True):
-        there = np.column_stack([part[:, :-1], part[:, :-1] @ fit.x[at]])
+    for j, (more, part, at) in enumerate(zip(fallen.max() / fallen - 1, model.rows, model.places, strict=True)):
+        columns = np.concatenate([part[:, :-1], *elsewhere[j : j + 1]])
+        there = np.column_stack([columns, columns @ fit.x[at]])
         rows.append(np.concatenate([part, np.sqrt(more) * there]))
     return LinearModel(rows, model.places, model.prior, model.n_effective, model.least_noise, model.n_rows)
 
