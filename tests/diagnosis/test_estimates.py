@@ -9,8 +9,8 @@ from helpers.diagnosed import ROBOT, found_in, measured
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.estimates import _interval, _scatter, sized_torques
 from dynid_rs.diagnosis.gear_model import Flat
-from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.regression.linear_model import Choice, LinearModel
 
 N = 800

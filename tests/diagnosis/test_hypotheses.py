@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Catalogue, Shaped
+from dynid_rs.diagnosis.hypotheses import Catalogue
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.model.placed import CATALOGUE, effects_of
 from dynid_rs.regression.linear_model import Choice
 from dynid_rs.regression.priors import REACTION, weak_prior

@@ -11,10 +11,10 @@ from helpers.diagnosed import ROBOT, measured, rigid, with_effects
 
 from dynid_rs.diagnosis import standing
 from dynid_rs.diagnosis.belief import Belief, Named, following
-from dynid_rs.diagnosis.hypotheses import Shaped, is_valid
 from dynid_rs.diagnosis.search import accept
 from dynid_rs.diagnosis.settling import _moved, settle
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped, is_valid
 from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes
 from dynid_rs.diagnosis.standing import backward
 from dynid_rs.diagnosis.structural.encoder_eccentricity import added

@@ -10,8 +10,8 @@ from helpers.diagnosed import ROBOT, measured
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.estimates import estimates
-from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.signs import with_signs
 
 ELBOW, WRIST = 1, 2

@@ -11,9 +11,9 @@ from helpers.diagnosed import ROBOT, measured, recorded, rigid
 from dynid_rs.diagnosis import beside
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import blocks, evidence, is_stable, whole_runs, worse
 from dynid_rs.model.placed import CATALOGUE

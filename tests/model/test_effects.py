@@ -13,7 +13,7 @@ from helpers.whole_model import OF_ANGLE
 from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.hypotheses import Shaped
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.model.assembly import assemble, evaluate, with_changes
 from dynid_rs.model.placed import PlacedEffect, effects_of

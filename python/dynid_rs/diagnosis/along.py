@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings, other_time
 from dynid_rs.diagnosis.candidates import Candidate, with_slopes
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.open_questions import OpenQuestions
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.structural import KINDS
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.identification.loads import with_load

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.estimator import Estimator
 from dynid_rs.diagnosis.beside import Beside, places_of
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
 from dynid_rs.identification.smooth_friction import Shapes, SmoothFrictionIdentifier, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier

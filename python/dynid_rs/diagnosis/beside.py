@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.identification.loads import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Place, Shape, Shaped, is_valid
+from dynid_rs.diagnosis.hypotheses import Catalogue
+from dynid_rs.diagnosis.shaped import Place, Shape, Shaped, is_valid
 from dynid_rs.diagnosis.trials import Value
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.linear_model import Columns

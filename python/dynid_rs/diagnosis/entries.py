@@ -13,8 +13,8 @@ from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
 from dynid_rs.diagnosis.estimates import Estimate, estimates, sized_torques
-from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.rivals import is_one_cause
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loads import with_load

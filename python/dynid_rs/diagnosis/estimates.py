@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.diagnosis.structural import value_of

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.holding import holds, shares
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.rivals import is_one_cause
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.trials import Asked, Value, evidence
 from dynid_rs.diagnosis.unexplained import lacks
 

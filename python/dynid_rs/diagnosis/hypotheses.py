@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Place, Shape, Shaped, is_valid
 from dynid_rs.identification.loads import with_load
 from dynid_rs.identification.smooth_friction import in_paper_terms, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, PlacedEffect, shapes_of_sign
+from dynid_rs.model.placed import CATALOGUE, FRICTION_SIGN, shapes_of_sign
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
 
 FloatArray = NDArray[np.float64]
-Shape = tuple[tuple[str, float], ...]
-Place = tuple[str, tuple[int, ...]]
 
 USUAL = 0.1
 """Torque of an effect's column over its joint's own that is usual beforehand (`priors.py`)."""
@@ -84,53 +83,6 @@ class Hypothesis:
 def standardised(columns: Columns, unit: FloatArray) -> Columns:
     """Columns for coefficients that are standard normal beforehand."""
     return {j: part * unit for j, part in columns.items()}
-
-
-@dataclass(frozen=True)
-class Shaped:
-    """A kind of the catalogue at a place with a shape (of the first joint, where a pair shares one)."""
-
-    kind: str
-    joints: tuple[int, ...]
-    shape: Shape
-
-    def at(self, place: int) -> Shape:
-        """Shape on joint number `place` of its joints: partners see each other, with the inverse ratio."""
-        if len(self.joints) == 1:
-            return self.shape
-        shape = dict(self.shape)
-        shape["partner"] = float(self.joints[1 - place])
-        if place == 1 and "ratio" in shape:
-            shape["ratio"] = 1 / shape["ratio"]
-            shape["transition_width"] = shape["transition_width"] * abs(shape["ratio"])
-        return tuple(shape.items())
-
-    def with_shape(self, name: str, value: float) -> Shaped:
-        """Return it with one shape parameter at `value`."""
-        return replace(self, shape=tuple((n, value if n == name else v) for n, v in self.shape))
-
-    def reaction(self, place: int) -> FloatArray:
-        """Coefficients (k,) on joint number `place` of its joints over those on the first: forces act on both."""
-        if place == 0:
-            return np.ones(len(CATALOGUE[self.kind]["coefficients"]))
-        shape = {name: [value, dict(self.at(1))[name]] for name, value in self.shape}
-        felt = _core.Effect.of(self.kind, **shape | {"partner": [1.0, 0.0]}).reaction(0)
-        assert felt is not None  # it has a partner
-        return np.array(felt[1])
-
-    def placed(self) -> PlacedEffect:
-        """Return it as an effect of a model."""
-        rows = [dict(self.at(place)) for place in range(len(self.joints))]
-        shape = tuple((name, tuple(row[name] for row in rows)) for name, _ in self.shape)
-        return PlacedEffect(self.kind, self.joints, shape)
-
-
-def shaped_as(effect: PlacedEffect) -> Shaped:
-    """The effect of a model as a hypothesis has it."""
-    shape = effect.shape_at(effect.joints[0])
-    if "partner" in shape:
-        shape["partner"] = -1.0
-    return Shaped(effect.kind, effect.joints, tuple(shape.items()))
 
 
 @dataclass(eq=False)
@@ -372,21 +324,6 @@ class Catalogue:
             lambda setup, x: replace(setup, effects=(*setup.effects, placed)),
             s.shape,
         )
-
-
-def is_valid(kind: str, shape: Shape) -> bool:
-    """Whether there is an effect of this shape that a search may have."""
-    values = dict(shape)
-    if values.get("ratio") == 0.0:
-        return False  # a partner that has no part in it is none
-    bounded = [p for p in CATALOGUE[kind]["shape"] if p["not_below"] is not None]
-    if any(values[p["name"]] < values[p["not_below"]] for p in bounded):
-        return False
-    try:
-        _core.Effect.of(kind, **{name: [value] for name, value in shape})
-    except ValueError:
-        return False
-    return True
 
 
 def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:

@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.examination import examine
 from dynid_rs.diagnosis.gears import centred, gear_entries
-from dynid_rs.diagnosis.hypotheses import Catalogue, Place
+from dynid_rs.diagnosis.hypotheses import Catalogue
 from dynid_rs.diagnosis.misfit import ended, nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
@@ -30,6 +30,7 @@ from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.signs import with_signs
 from dynid_rs.diagnosis.unexplained import stood_in, unexplained_entries
 from dynid_rs.diagnosis.weighing import weighed_as

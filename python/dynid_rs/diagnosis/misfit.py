@@ -16,9 +16,10 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.waves import Argument, same_angles, waves
 from dynid_rs.model.placed import CATALOGUE
 

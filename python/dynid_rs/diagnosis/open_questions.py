@@ -22,9 +22,10 @@ from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.candidates import SHAPES, Candidate, alive, width_of
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.rivals import Contest
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.trials import Value, evidence
 from dynid_rs.identification.links import LinkDynamicsIdentifier

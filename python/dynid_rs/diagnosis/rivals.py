@@ -18,7 +18,8 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
+from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import WITHIN_REACH, Value, evidence
 from dynid_rs.diagnosis.waves import SIZES

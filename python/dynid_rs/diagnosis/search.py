@@ -21,12 +21,12 @@ from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hidden import hidden
 from dynid_rs.diagnosis.holding import holds, shares
-from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.one_clock import share_a_clock
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.rivals import contest, is_one_cause
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup, believed
+from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless, sized
 from dynid_rs.diagnosis.structural import REFITTED

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
+from dynid_rs.diagnosis.shaped import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import in_range, polished, searched
 from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.identification.smooth_friction import LARGEST_STEP, SPREAD_HERE, in_reach

@@ -8,7 +8,8 @@ import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped, is_valid
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
+from dynid_rs.diagnosis.shaped import Shaped, is_valid
 from dynid_rs.model.placed import CATALOGUE
 
 Parameter = dict[str, Any]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
+from dynid_rs.diagnosis.shaped import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.identification.smooth_friction import shape_slopes
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect, shapes_of_sign

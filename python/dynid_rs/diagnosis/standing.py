@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.estimates import estimates
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse

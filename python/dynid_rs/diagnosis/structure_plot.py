@@ -17,7 +17,7 @@ from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.estimates import Estimate
 from dynid_rs.diagnosis.gear_model import Gear
-from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structural import undone
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from dynid_rs.base.odds import SURE
 from dynid_rs.base.threads import side_by_side
 from dynid_rs.diagnosis.beside import Beside, places_of
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.regression.linear_model import Columns
 
