@@ -187,7 +187,11 @@ class Catalogue:
     def returns(self, s: Shaped) -> bool:
         """Whether ripple goes round at least once on the joint's way; true of all other kinds."""
         least, _ = CYCLES_SHOWN.get(s.kind, (0.0, np.inf))
-        return bool(dict(s.shape).get("cycles", 0.0) * self._turns[s.joints[0]] >= least)
+        return self.times_round(s) >= least
+
+    def times_round(self, s: Shaped) -> float:
+        """How often ripple goes round on the joint's way; without end of all other kinds."""
+        return float(dict(s.shape)["cycles"] * self._turns[s.joints[0]]) if s.kind in CYCLES_SHOWN else np.inf
 
     def _values(self, parameter: dict[str, Any], j: int) -> list[float]:
         """Values of a shape parameter on joint j in its own unit."""

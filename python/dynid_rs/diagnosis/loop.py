@@ -130,7 +130,7 @@ def _traced(
     lines = find_ripple(found.setup, found.fit, train)
     if lines:
         found.hold([held for family in lines for held in family.held()])
-        look(found, on_progress)  # for what the ripple has covered
+        look(found, on_progress, once_more=True)  # for what the ripple has covered
     if odds:
         found.believe_mounting(odds)
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)

@@ -2,8 +2,8 @@
 
 A name says that a torque is one function, up to its coefficients and shape. In the place of a right one a function
 without a name, which pays for every wave, is far less probable, and beside it no more probable than none; in the place
-of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is not. The torque is kept, for it predicts,
-and its cause is called unknown.
+of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is not. Ripple returns: where that was not
+seen, it is any function too. The torque is kept, for it predicts, and its cause is called unknown.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.shaped import Place
+from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.waves import Argument, same_angles, waves
 from dynid_rs.model.placed import CATALOGUE
 
 ANGLES = ("q", "q_motor")
 """Signals that are a joint's own angle."""
+SEEN_AGAIN = 2.0
+"""Times that ripple has to go round on the joint's way: it is told by its return, and before that it is any curve."""
 LOOKED_AT = 2
 """Functions that are looked at closely; screening orders them."""
 
@@ -36,6 +38,7 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     """
     beside, n = belief.beside, belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
+    shaped = {(e.kind, e.joints): shaped_as(e) for e in belief.setup.effects}
     for (kind, joints), against in contests.items():
         j = joints[0]
         arguments, turning = same_angles(kind, j, n)
@@ -44,6 +47,8 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
             likeliest = _likeliest(model, belief.catalogue, functions, needed)
             if likeliest is not None:
                 found[kind, joints] = arguments[likeliest]
+        if belief.catalogue.times_round(shaped[kind, joints]) < SEEN_AGAIN:
+            found.setdefault((kind, joints), arguments[0])
     return _parts_of(found, belief) | found
 
 

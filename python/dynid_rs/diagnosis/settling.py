@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.threads import side_by_side
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.shaped import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import in_range, polished, searched
@@ -25,15 +26,19 @@ SETTLED = 0.02
 
 def settle(belief: Belief) -> None:
     """Every effect's shape beside all others, then steps of all shapes together towards likelier ones."""
-    effects = []
-    for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
-        now, beside = shaped_as(effect), belief.beside.without(places)
+    whole = belief.beside
+
+    def likeliest(effect: PlacedEffect, places: list[tuple[int, int]]) -> PlacedEffect:
+        now, beside = shaped_as(effect), whole.without(places)
         # Beside what was named later another shape of the grid may be the best.
         grid = [s for s in belief.catalogue.grid if (s.kind, s.joints) == (now.kind, now.joints)]
         shapes = belief.catalogue.of([now, *grid])
         best = int(np.argmax([score.value for score in beside.screened(shapes)]))
         h = polished(beside, belief.catalogue, shapes[best])
-        effects.append(Shaped(h.kind, h.joints, h.shape).placed())
+        return Shaped(h.kind, h.joints, h.shape).placed()
+
+    each = list(zip(belief.setup.effects, belief.places(), strict=True))
+    effects = side_by_side(lambda one: likeliest(*one), each)
     if tuple(effects) != belief.setup.effects:
         belief.reshape(effects)
     if not any(slope.effect for slope in effect_slopes(belief)):
