@@ -123,7 +123,7 @@ def _named(gear: Gear, covariance: FloatArray) -> list[Seen]:
         open_ = [h for h in hypotheses if h.kind not in {g.kind for g, _ in named} and _may_follow(h, named)]
         left = [model.beside({0: h.columns}).fit(Choice(), fit.noise).residual[0] for h in open_]
         worth = [model.n_rows / residual_memory(np.split(part, edges)) for part in left]
-        passing = [(w, h) for w, h in zip(worth, open_, strict=True) if _evidence(model, fit, h, w)[0] > need]
+        passing = [(w, h) for w, h in zip(worth, open_, strict=True) if _passes(model, fit, h, w, need)]
         if not passing:
             break
         # Those that pass on what they leave themselves are compared on what the best of them leaves.
@@ -158,6 +158,14 @@ def _drawn(gear: Gear, h: GearHypothesis, fit: Fit, places: slice) -> dict[str, 
 def _may_follow(h: GearHypothesis, named: Sequence[tuple[GearHypothesis, float]]) -> bool:
     """A curved spring is told as what a straight one leaves."""
     return h.kind != "nonlinear_elasticity" or any(g.kind == "joint_elasticity" for g, _ in named)
+
+
+def _passes(model: LinearModel, fit: Fit, h: GearHypothesis, worth: float, need: float) -> bool:
+    """Whether a hypothesis has more evidence than is needed, and what physics holds to one sign is told from zero."""
+    value, _, best = _evidence(model, fit, h, worth)
+    width, signed = len(h.unit), np.isfinite(h.bounds).any(axis=1)
+    z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
+    return value > need and bool(np.all(np.abs(z[signed]) > NORMAL_95))
 
 
 def _evidence(model: LinearModel, fit: Fit, h: GearHypothesis, worth: float) -> tuple[float, LinearModel, Fit]:
