@@ -13,11 +13,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import dynid_rs as dyn
 from dynid_rs.diagnosis.belief import fitted
-from dynid_rs.diagnosis.gear_model import Gear
-from dynid_rs.diagnosis.gears import centred, gear_entries
+from dynid_rs.diagnosis.gear_model import Flat, Gear, GearHypothesis
+from dynid_rs.diagnosis.gears import _passes, centred, gear_entries
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.waves import of_signal
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression.linear_model import Choice, LinearModel
 from dynid_rs.runs.checks import check_recording, refused_sources
 
 DELAY = 0.0028
@@ -193,3 +194,16 @@ def test_no_gear_yields_against_its_load():
     seen, turned = ({entry["kind"] for entry in gear_entries(fitted(Setup(ROBOT), rs), {})} for rs in (runs, against))
     assert {"joint_elasticity", "backlash"} <= seen
     assert not {"joint_elasticity", "backlash"} & turned
+
+
+@pytest.mark.parametrize(("compliance", "passes"), [(0.3, True), (0.0, False)])
+def test_a_gear_that_only_damps_is_no_spring(compliance, passes):
+    """However clear the damping is: what physics holds to one sign, the compliance, has to be told from zero."""
+    rng, n = np.random.default_rng(3), 2000
+    columns = rng.normal(size=(n, 2))
+    y = columns @ [compliance, 0.5] + 0.1 * rng.normal(size=n)
+    rows = np.stack([rng.normal(size=n), y], axis=1)
+    model = LinearModel([rows], [np.arange(1)], Flat(1), np.array([float(n)]), np.array([1e-6]), n)
+    bounds = np.array([[0.0, np.inf], [-np.inf, np.inf]])
+    h = GearHypothesis("joint_elasticity", ("compliance", "damping"), ("1", "1"), columns, np.ones(2), bounds)
+    assert _passes(model, model.fit(Choice(), np.array([0.3])), h, n, 10.0) is passes
