@@ -206,4 +206,4 @@ def test_a_gear_that_only_damps_is_no_spring(compliance, passes):
     model = LinearModel([rows], [np.arange(1)], Flat(1), np.array([float(n)]), np.array([1e-6]), n)
     bounds = np.array([[0.0, np.inf], [-np.inf, np.inf]])
     h = GearHypothesis("joint_elasticity", ("compliance", "damping"), ("1", "1"), columns, np.ones(2), bounds)
-    assert _passes(model, model.fit(Choice(), np.array([0.3])), h, n, 10.0) is passes
+    assert _passes(model, model.fit(Choice(), np.array([0.3])), h, float(n), 10.0) is passes
