@@ -103,11 +103,10 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
     n = size.shape[-1]
     n_links = len(prior.mean)
     size = np.broadcast_to(size, (len(tried), n))
-    all_columns = np.array([[run.columns for run in runs] for runs in tried])
-    all_cross = np.array([[run.cross[:, :, 0] for run in runs] for runs in tried])
-    all_power = np.array([[run.power[:, 0] for run in runs] for runs in tried])
+    columns = np.array([np.sum([run.columns for run in runs], axis=0) for runs in tried])
+    cross = np.array([np.sum([run.cross[:, :, 0] for run in runs], axis=0) for runs in tried])
+    power = np.array([np.sum([run.power[:, 0] for run in runs], axis=0) for runs in tried])
     counts = np.array([[run.count for run in runs] for runs in tried])
-    columns, cross, power = all_columns.sum(axis=1), all_cross.sum(axis=1), all_power.sum(axis=1)
     count = np.maximum(counts.sum(axis=1), 1.0)
     n_tried, n_own = len(tried), columns.shape[2] - n_links
     total = n_links + n_own * n
@@ -131,7 +130,11 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
         variance = np.maximum(left / count, floor)
     price = np.sum(precision * (x - mean) ** 2, axis=1)
     log = -0.5 * np.sum(count / MEMORY * np.log(variance), axis=1) - 0.5 * price
-    per_run = _left(all_columns, all_cross, all_power, at[:, None]) / np.maximum(counts, 1.0) / size[:, None] ** 2
+    per_run = np.empty_like(counts)
+    for k in range(counts.shape[1]):  # one after the other: together they would be all that there is in memory
+        A, b = (np.array([getattr(runs[k], name) for runs in tried]) for name in ("columns", "cross"))
+        own_power = np.array([runs[k].power[:, 0] for runs in tried])
+        per_run[:, k] = _left(A, b[..., 0], own_power, at) / np.maximum(counts[:, k], 1.0) / size**2
     share = left / count / size**2
     return [ArmFit(*found) for found in zip(x, share, variance, log.tolist(), per_run, strict=True)]
 

@@ -18,6 +18,8 @@ ELSEWHERE = 0.02
 """Relative difference from which on a size is not Earth's, and Earth's is tried too."""
 STEPS = (0.4, 0.2, 0.1, 0.05)
 """Turns [rad] that are tried about the best direction so far, one after the other."""
+AT_ONCE = 120
+"""Runs under one gravity each whose moments are in memory together; more would only take more of it."""
 GRAIN = 1.5 * STEPS[-1]
 """Turn [rad] up to which a direction is the robot's own: the last step, and what it may be off by. A base
 that is so little off level is a tilt, which a diagnosis names."""
@@ -33,8 +35,10 @@ def gravity_trial(
     fits = _as_they_stand if fitted is None else fitted
 
     def likeliest(gravities: Sequence[FloatArray]) -> tuple[ArmFit, FloatArray]:
-        found = zip(fits([bench.turned(gravity) for gravity in gravities]), gravities, strict=True)
-        return max(found, key=lambda one: one[0].log)
+        n = max(1, AT_ONCE // len(bench.rows))
+        parts = [gravities[first : first + n] for first in range(0, len(gravities), n)]
+        found = [fit for part in parts for fit in fits([bench.turned(gravity) for gravity in part])]
+        return max(zip(found, gravities, strict=True), key=lambda one: one[0].log)
 
     declared = float(np.linalg.norm(bench.robot.gravity))
     strengths = [declared] if declared > 0 else []
