@@ -1,11 +1,16 @@
-"""Names that do not hold: ripple that was not seen to return."""
+"""Names that do not hold: any function does as well, ripple was not seen to return."""
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from helpers.diagnosed import ROBOT, measured
 
 from dynid_rs.diagnosis import misfit
-from dynid_rs.diagnosis.waves import of_signal
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.rivals import valued
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.waves import SMOOTHER, of_signal, smoother, waves
 from dynid_rs.model.placed import PlacedEffect
 
 
@@ -28,3 +33,17 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
     found = misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects})
     angle = of_signal(("q", 1))
     assert found == ({("torque_ripple", (1,)): angle, ("joint_spring", (1,)): angle} if nameless else {})
+
+
+def test_a_function_is_as_smooth_as_any_beforehand():
+    """Waves that fall faster are the same torque for coefficients that are expected to be smaller; all are averaged."""
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=10.0, rate=100.0))
+    function = waves(belief.catalogue, 1, [of_signal(("q", 1))])
+    for more in SMOOTHER:
+        falls = smoother(function, more)
+        np.testing.assert_allclose(falls.unit, function.unit / np.arange(1.0, 11.0) ** more)
+        np.testing.assert_allclose(falls.columns[1] / falls.unit, function.columns[1] / function.unit)
+    each = [valued(belief.beside, belief.catalogue, smoother(function, more)).value for more in SMOOTHER]
+    value = misfit._averaged(belief.beside, belief.catalogue, function)
+    assert value == pytest.approx(np.log(np.mean(np.exp(each))))
+    assert min(each) < value < max(each)

@@ -20,7 +20,7 @@ from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place, shaped_as
-from dynid_rs.diagnosis.waves import Argument, same_angles, waves
+from dynid_rs.diagnosis.waves import SMOOTHER, Argument, same_angles, smoother, waves
 from dynid_rs.model.placed import CATALOGUE
 
 ANGLES = ("q", "q_motor")
@@ -59,11 +59,19 @@ def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothes
     """
     scores = [score.value for score in model.screened(functions)] if functions else []
     tries = [
-        (valued(model, catalogue, functions[k]).value - (float(np.log(len(functions) - 1)) if k else 0.0), k)
+        (_averaged(model, catalogue, functions[k]) - (float(np.log(len(functions) - 1)) if k else 0.0), k)
         for k in np.argsort(scores)[::-1][:LOOKED_AT].tolist()
     ]
     value, best = max(tries, default=(-np.inf, 0))
     return best if value > needed else None
+
+
+def _averaged(model: Beside, catalogue: Catalogue, function: Hypothesis) -> float:
+    """Evidence of a function, which is as smooth as any beforehand."""
+    from scipy.special import logsumexp
+
+    values = [valued(model, catalogue, smoother(function, more)).value for more in SMOOTHER]
+    return float(logsumexp(values) - np.log(len(values)))
 
 
 def _parts_of(found: dict[Place, Argument], belief: Belief) -> dict[Place, Argument]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -22,9 +22,9 @@ Signal = tuple[str, int]
 
 ALONE, TOGETHER = 10, 5
 """Waves within a signal's range that a function of it is made of, and where there are two of them."""
-FALLS = 2
+FALLS, SMOOTHER = 2, (0, 1, 2)
 """Waves of a function that bends but does not jump fall with this power of their order; so do the coefficients'
-priors."""
+priors. By so much more where the bend does not jump either, or what it bends by."""
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Sizes of a function that are as likely beforehand, over a tenth of the joint's torque."""
 SIGNALS = ("q", "dq_motor", "ddq_motor", "tau_link")
@@ -94,6 +94,13 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
         lambda setup, _: setup,
         sizes=SIZES if len(arguments) == 1 else (1.0, 10.0),
     )
+
+
+def smoother(function: Hypothesis, more: int) -> Hypothesis:
+    """A function of one argument whose waves fall with a power of their order that is greater by `more`."""
+    falling = np.arange(1.0, len(function.unit) + 1) ** -more
+    columns = {j: part * falling for j, part in function.columns.items()}
+    return replace(function, columns=columns, unit=function.unit * falling)
 
 
 def _series(
