@@ -196,9 +196,9 @@ def test_no_gear_yields_against_its_load():
     assert not {"joint_elasticity", "backlash"} & turned
 
 
-@pytest.mark.parametrize(("compliance", "passes"), [(0.3, True), (0.0, False)])
+@pytest.mark.parametrize(("compliance", "passes"), [(0.3, True), (0.0, False), (-0.01, False)])
 def test_a_gear_that_only_damps_is_no_spring(compliance, passes):
-    """However clear the damping is: what physics holds to one sign, the compliance, has to be told from zero."""
+    """However clear the damping is: the compliance, which is not negative, has to be told from zero."""
     rng, n = np.random.default_rng(3), 2000
     columns = rng.normal(size=(n, 2))
     y = columns @ [compliance, 0.5] + 0.1 * rng.normal(size=n)

@@ -10,6 +10,7 @@ from dynid_rs.diagnosis import misfit
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.rivals import valued
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.waves import SMOOTHER, of_signal, smoother, waves
 from dynid_rs.model.placed import PlacedEffect
 
@@ -29,10 +30,22 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
         setup=SimpleNamespace(effects=effects, robot=SimpleNamespace(n_joints=2)),
         catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else float("inf")),
     )
+    belief.named = {(e.kind, e.joints): None for e in effects}
     contest = SimpleNamespace(beside=None, own=SimpleNamespace(value=100.0))
     found = misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects})
     angle = of_signal(("q", 1))
+    belief.named.clear()  # all were declared
+    assert misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects}) == {}
     assert found == ({("torque_ripple", (1,)): angle, ("joint_spring", (1,)): angle} if nameless else {})
+
+
+def test_how_often_ripple_goes_round_is_told_by_the_runs():
+    runs = measured(duration=10.0, rate=100.0)
+    catalogue = Belief.in_declared(Setup(ROBOT), runs).catalogue
+    (way,) = np.ptp(np.concatenate([run.q[:, 1:2] for run in runs]), axis=0)
+    times = catalogue.times_round(Shaped("torque_ripple", (1,), (("cycles", 7.0),)))
+    assert times == pytest.approx(7.0 * way / (2 * np.pi), rel=0.05)  # less what rests
+    assert catalogue.times_round(Shaped("joint_spring", (1,), ())) == np.inf
 
 
 def test_a_function_is_as_smooth_as_any_beforehand():

@@ -13,6 +13,7 @@ from dynid_rs.sensors.gravity import gravity_trial
 from dynid_rs.sensors.lag import early, lags
 from dynid_rs.sensors.loss import lossy_arm
 from dynid_rs.sensors.rows import ArmRows, Moments
+from dynid_rs.sensors.units import unit_fits
 from dynid_rs.simulation import simulate
 
 
@@ -46,6 +47,28 @@ def test_another_mounting_is_found_to_the_grain_of_the_search(bench):
     hung = Bench(bench.robot, tuple(replace(rows, tau=tau) for rows, tau in zip(bench.rows, torque, strict=True)))
     _, found = gravity_trial(hung)
     assert np.arccos(found @ truth / 9.81**2) < 0.05
+
+
+def test_gains_of_several_benches_are_those_of_each(bench):
+    size = np.array([1.0, 0.5, 2.0, 1.0, 3.0, 1.0])
+    scaled = Bench(bench.robot, tuple(replace(rows, tau=rows.tau / size) for rows in bench.rows))
+    benches = [scaled, scaled.turned(np.array([0.0, 9.81, 0.0]))]
+    together = unit_fits(benches)
+    for one, (fit, gains) in zip(benches, together, strict=True):
+        [(alone, own)] = unit_fits([one])
+        assert fit.log == pytest.approx(alone.log, rel=1e-9)
+        np.testing.assert_allclose(gains, own, rtol=1e-9)
+    np.testing.assert_allclose(together[0][1], size, rtol=0.1)
+    assert together[0][0].log > together[1][0].log
+
+
+def test_a_joint_without_told_rows_says_nothing_under_any_gravity(bench):
+    told = bench.rows[0].told.copy()
+    told[:, 2] = False
+    rows = replace(bench.rows[0], told=told)
+    (found,) = Bench(bench.robot, (rows,)).turned(np.array([0.0, 0.0, -9.81])).moments
+    near(found, Moments.of(bench.robot, rows))
+    assert not found.columns[2].any()
 
 
 def test_a_channel_put_earlier_by_a_row_is_that_of_the_row_after(bench):

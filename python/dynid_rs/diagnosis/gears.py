@@ -136,6 +136,8 @@ def _named(gear: Gear, covariance: FloatArray) -> list[Seen]:
     for h, odds in named:
         places = slice(at, at + len(h.unit))
         at += len(h.unit)
+        if not _is_told(h, fit.x[places], std[places]):  # beside those that were named after it
+            continue
         drawn = _drawn(gear, h, fit, places)
         found.append(Seen(gear.joint, h, fit.x[places] * h.unit, std[places] * h.unit, odds, drawn))
     return found
@@ -161,11 +163,16 @@ def _may_follow(h: GearHypothesis, named: Sequence[tuple[GearHypothesis, float]]
 
 
 def _passes(model: LinearModel, fit: Fit, h: GearHypothesis, worth: float, need: float) -> bool:
-    """Whether a hypothesis has more evidence than is needed, and what physics holds to one sign is told from zero."""
+    """Whether a hypothesis has more evidence than is needed, and its size is told."""
     value, _, best = _evidence(model, fit, h, worth)
-    width, signed = len(h.unit), np.isfinite(h.bounds).any(axis=1)
-    z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
-    return value > need and bool(np.all(np.abs(z[signed]) > NORMAL_95))
+    width = len(h.unit)
+    return value > need and _is_told(h, best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:]))
+
+
+def _is_told(h: GearHypothesis, x: FloatArray, std: FloatArray) -> bool:
+    """Whether what physics does not let be negative is told from zero."""
+    signed = h.bounds[:, 0] == 0.0
+    return bool(np.all(x[signed] > NORMAL_95 * std[signed]))
 
 
 def _evidence(model: LinearModel, fit: Fit, h: GearHypothesis, worth: float) -> tuple[float, LinearModel, Fit]:

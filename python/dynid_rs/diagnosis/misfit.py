@@ -34,6 +34,8 @@ LOOKED_AT = 2
 def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, Argument]:
     """Places of names that a function of their own angle does as well as, and what that is a function of.
 
+    So does one in the place of ripple that was not seen again.
+
     `contests` (`weigh_rivals`) hold the model without each torque, and what the torque is worth there.
     """
     beside, n = belief.beside, belief.setup.robot.n_joints
@@ -47,7 +49,8 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
             likeliest = _likeliest(model, belief.catalogue, functions, needed)
             if likeliest is not None:
                 found[kind, joints] = arguments[likeliest]
-        if belief.catalogue.times_round(shaped[kind, joints]) < SEEN_AGAIN:
+        was_seen_again = belief.catalogue.times_round(shaped[kind, joints]) >= SEEN_AGAIN
+        if (kind, joints) in belief.named and not was_seen_again:  # what was believed from the beginning is not asked
             found.setdefault((kind, joints), arguments[0])
     return _parts_of(found, belief) | found
 

@@ -75,11 +75,11 @@ def search(
 def look(belief: Belief, on_progress: Callable[[str], None], *, once_more: bool = False) -> None:
     """Find what is missing beside what is believed already.
 
-    `once_more`: names and their shapes have settled, and stay as they are where nothing is missing.
+    `once_more`: names and their shapes have settled, and stay as they are where nothing is missing and no name goes.
     """
     believed_before = set(belief.named)
     name(belief, on_progress)
-    if once_more and set(belief.named) == believed_before:
+    if once_more and set(belief.named) == believed_before and not backward(belief, SURE):
         return
     if exchange(belief) | merge(belief):
         backward(belief)

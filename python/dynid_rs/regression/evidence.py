@@ -213,7 +213,7 @@ def fit_with_prior(
 
 
 def _elsewhere(plan: Plan, model: LinearModel, links: FloatArray) -> list[FloatArray]:
-    """Columns of every joint at other states, (n, k_j), of its links alone, as heavy as all rows together.
+    """Columns of every joint's links at other states, (n, k_j), as heavy as its rows are if it never rests.
 
     `links` (n, n_joints, 10 n_links) as the joints' channels show them.
     """

@@ -169,7 +169,7 @@ def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]
         steep = bool(np.median(steepness[late]) < STEEP * usual)
         if _clearly_late(lag, steep=steep):
             # Where all are late nothing says how their noise falls off: what they make of the motion has to.
-            filtered = steep and (not late.all() or lag.filter_log() - lag.trial.fit.log > ENOUGH)
+            filtered = steep and (not late.all() or lag.filter_gain() > ENOUGH)
             found.append((lag, steep, filtered))
     if not found:
         return

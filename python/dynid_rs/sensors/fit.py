@@ -130,7 +130,7 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
         variance = np.maximum(left / count, floor)
     price = np.sum(precision * (x - mean) ** 2, axis=1)
     log = -0.5 * np.sum(count / MEMORY * np.log(variance), axis=1) - 0.5 * price
-    per_run = np.empty_like(counts)
+    per_run = np.empty(counts.shape)
     for k in range(counts.shape[1]):  # one after the other: together they would be all that there is in memory
         A, b = (np.array([getattr(runs[k], name) for runs in tried]) for name in ("columns", "cross"))
         own_power = np.array([runs[k].power[:, 0] for runs in tried])

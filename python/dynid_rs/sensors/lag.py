@@ -57,15 +57,15 @@ class Lag:
     """The channels of `trial.joints` come late by `delay` [s].
 
     `in_time` is the same model without the delay. `links_log` tells L where the links' torque alone is late: friction
-    that remembers where it came from looks late too. `filter_log` tells L behind the likeliest filter in the delay's
-    place.
+    that remembers where it came from looks late too. `filter_gain` tells by how much L is greater behind the likeliest
+    filter in the delay's place.
     """
 
     trial: Trial
     delay: float
     in_time: ArmFit
     links_log: Callable[[], float]
-    filter_log: Callable[[], float]
+    filter_gain: Callable[[], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,8 @@ def lags(bench: Bench, enough: float) -> list[Lag]:
         def after(response: Response) -> Callable[[Sequence[float]], list[float]]:
             return lambda delays: [modelled(joints, other, response) for other in delays]
 
-        return max(_refined(delay, after(response))[1] for response in FILTERS)
+        # Both in the model's columns: of the same torque, at the ends of runs too.
+        return max(_refined(delay, after(response))[1] for response in FILTERS) - modelled(joints, delay)
 
     def fits(delays: Sequence[float], joints: tuple[int, ...]) -> list[ArmFit]:
         at = [[1 + k if j in joints else 0 for j in range(n)] for k in range(len(delays))]

@@ -7,7 +7,7 @@ Weight has no part in a link's moments of inertia: four columns a link.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class Weighed:
     @staticmethod
     def of(robot: _core.RobotModel, rows: ArmRows) -> Weighed:
         """Products of a run."""
+        rows = replace(rows)  # its regressor of a robot without weight is nobody else's
         n, at_rest = rows.n_joints, np.zeros_like(rows.q)
         floating = robot.with_gravity([0.0, 0.0, 0.0])
         pulls = []
@@ -53,7 +54,8 @@ class Weighed:
             told = rows.told[:, j]
             # A joint does not feel the links before it.
             own = pull[told, j, :, j:]
-            flat, shape = own.reshape(len(own), -1), own.shape[1:]
+            shape = own.shape[1:]
+            flat = own.reshape(len(own), int(np.prod(shape)))
             mixed[j, 10 * j :, :, j:] = (rows.columns(floating, j)[told].T @ flat).reshape(-1, *shape)
             weight[j, :, j:, :, :, j:] = (flat.T @ flat).reshape(*shape, *shape)
             cross[j, :, j:] = (flat.T @ rows.tau[told]).reshape(*shape, n)
