@@ -31,7 +31,7 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
         catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else float("inf")),
     )
     belief.named = {(e.kind, e.joints): None for e in effects}
-    contest = SimpleNamespace(beside=None, own=SimpleNamespace(value=100.0))
+    contest = SimpleNamespace(beside=None, own=SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=())))
     found = misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects})
     angle = of_signal(("q", 1))
     belief.named.clear()  # all were declared

@@ -25,7 +25,7 @@ def bench():
     return Bench(SIX_AXES, tuple(ArmRows.of(run) for run in states))
 
 
-def near(found, wanted):
+def assert_near(found, wanted):
     for name in ("columns", "cross", "power", "count"):
         scale = np.abs(getattr(wanted, name)).max()
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=0, atol=1e-12 * scale)
@@ -37,7 +37,7 @@ def test_moments_under_a_gravity_are_those_of_columns_made_under_it(bench, gravi
     bench = Bench(bench.robot, (half, bench.rows[1]))
     turned = bench.turned(np.array(gravity))
     for found, rows in zip(turned.moments, bench.rows, strict=True):
-        near(found, Moments.of(bench.robot.with_gravity(list(gravity)), rows))
+        assert_near(found, Moments.of(bench.robot.with_gravity(list(gravity)), rows))
     assert list(turned.robot.gravity) == list(gravity)
 
 
@@ -67,7 +67,7 @@ def test_a_joint_without_told_rows_says_nothing_under_any_gravity(bench):
     told[:, 2] = False
     rows = replace(bench.rows[0], told=told)
     (found,) = Bench(bench.robot, (rows,)).turned(np.array([0.0, 0.0, -9.81])).moments
-    near(found, Moments.of(bench.robot, rows))
+    assert_near(found, Moments.of(bench.robot, rows))
     assert not found.columns[2].any()
 
 
@@ -76,9 +76,9 @@ def test_a_channel_put_earlier_by_a_row_is_that_of_the_row_after(bench):
     rows = arm.rows[0]
     tau, t = rows.rows.tau, rows.rows.t
     moments = early(bench, rows, arm.moments[0], (0.0, float(t[1] - t[0])))
-    near(moments.picked([0] * 6), arm.moments[0])
+    assert_near(moments.picked([0] * 6), arm.moments[0])
     sooner = np.concatenate([tau[1:], 2 * tau[-1:] - tau[-2:-1]])  # the run goes on as it ends
-    near(moments.picked([1] * 6), rows.channels(bench.robot, arm.moments[0], sooner[:, :, None]))
+    assert_near(moments.picked([1] * 6), rows.channels(bench.robot, arm.moments[0], sooner[:, :, None]))
 
 
 @pytest.mark.parametrize("joints", [tuple(range(6)), (1,)])

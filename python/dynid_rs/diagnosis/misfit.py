@@ -19,7 +19,7 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.shaped import Place, shaped_as
+from dynid_rs.diagnosis.shaped import Place, Shaped
 from dynid_rs.diagnosis.waves import SMOOTHER, Argument, same_angles, smoother, waves
 from dynid_rs.model.placed import CATALOGUE
 
@@ -40,7 +40,6 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     """
     beside, n = belief.beside, belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
-    shaped = {(e.kind, e.joints): shaped_as(e) for e in belief.setup.effects}
     for (kind, joints), against in contests.items():
         j = joints[0]
         arguments, turning = same_angles(kind, j, n)
@@ -49,7 +48,7 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
             likeliest = _likeliest(model, belief.catalogue, functions, needed)
             if likeliest is not None:
                 found[kind, joints] = arguments[likeliest]
-        was_seen_again = belief.catalogue.times_round(shaped[kind, joints]) >= SEEN_AGAIN
+        was_seen_again = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape)) >= SEEN_AGAIN
         if (kind, joints) in belief.named and not was_seen_again:  # what was believed from the beginning is not asked
             found.setdefault((kind, joints), arguments[0])
     return _parts_of(found, belief) | found
