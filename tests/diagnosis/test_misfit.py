@@ -7,7 +7,8 @@ import pytest
 from helpers.diagnosed import ROBOT, measured
 
 from dynid_rs.diagnosis import misfit
-from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.belief import Belief, Named
+from dynid_rs.diagnosis.estimates import Estimate
 from dynid_rs.diagnosis.rivals import valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Shaped
@@ -60,3 +61,26 @@ def test_a_function_is_as_smooth_as_any_beforehand():
     value = misfit._averaged(belief.beside, belief.catalogue, function)
     assert value == pytest.approx(np.log(np.mean(np.exp(each))))
     assert min(each) < value < max(each)
+
+
+@pytest.mark.parametrize(
+    ("interval", "tie", "is_untold"),
+    [
+        ((0.5, 1.5), None, False),
+        ((0.0, 1.5), None, True),
+        (None, None, True),
+        ((0.5, 1.5), ("joint_spring", (1,)), True),
+        ((0.5, 1.5), ("counterbalance", (0,)), True),
+    ],
+)
+def test_a_law_ends_where_the_runs_do_if_its_size_may_be_none_or_it_another(monkeypatch, interval, tie, is_untold):
+    """Other signals than the angle have no end; nor has what was declared."""
+    strut, bristles = PlacedEffect.at("counterbalance", 1), PlacedEffect.at("friction_hysteresis", 1)
+    declared = PlacedEffect.at("joint_spring", 0)
+    sizes = [Estimate("counterbalance", 1, 1.0, interval, "N*m"), Estimate("b", 1, 0.5, (0.4, 0.6), "m")]
+    known = {("counterbalance", (1,)): sizes, ("friction_hysteresis", (1,)): []}
+    monkeypatch.setattr(misfit, "estimates", lambda _: known)
+    ties = () if tie is None else ((tie, -1.0),)
+    belief = SimpleNamespace(setup=SimpleNamespace(effects=(strut, bristles, declared)))
+    belief.named = {place: Named(None, 9.0, ties) for place in known}
+    assert misfit.untold(belief) == ({("counterbalance", (1,))} if is_untold else set())

@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.shapes import polished
-from dynid_rs.diagnosis.trials import blocks, evidence, is_stable, whole_runs, worse
+from dynid_rs.diagnosis.trials import blocks, evidence, is_alone, is_stable, whole_runs, worse
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.linear_model import Score
 
@@ -43,7 +43,7 @@ def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
     best = max(values.values(), key=lambda value: value.value)
     assert best.hypothesis.place == ("position_dependent_friction", (1,))
     rivals = [value for value in values.values() if value is not best]
-    parts = blocks(belief.beside.model.n_rows)
+    parts = blocks(belief.phase)
     assert is_stable(belief.beside, best, rivals, parts)
     # Where screening refutes it everywhere, the evidence with the noise anew decides.
     own = best.hypothesis.place
@@ -63,11 +63,25 @@ def test_many_comparisons_are_each_less_likely_to_be_chance():
 
 
 def test_whole_runs_are_left_out_and_the_thirds_of_a_lone_one():
-    thirds = whole_runs([6])
+    thirds = whole_runs(np.arange(6), [6])
     np.testing.assert_array_equal(np.array(thirds), np.repeat(np.eye(3, dtype=bool), 2, axis=1))
-    first, second = whole_runs([2, 3])
+    first, second = whole_runs(np.arange(5), [2, 3])
     np.testing.assert_array_equal(first, [True, True, False, False, False])
     np.testing.assert_array_equal(second, ~first)
+
+
+def test_what_returns_is_left_out_together():
+    phase = np.array([0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5])
+    for parts in (whole_runs(phase, [12]), whole_runs(phase, [6, 6]), blocks(phase, 3)):
+        np.testing.assert_array_equal(parts, [phase // 2 == part for part in range(3)])
+    # The first and the third run show the same, and the fourth what both show.
+    shown = np.array([0, 1, 10, 11, 1, 2, 2, 3])
+    first, second = whole_runs(shown, [2, 2, 2, 2])
+    np.testing.assert_array_equal(first, shown < 10)
+    np.testing.assert_array_equal(second, shown >= 10)
+    assert is_alone(phase, [6, 6])
+    assert is_alone(phase, [12])
+    assert not is_alone(shown, [2, 2, 2, 2])
 
 
 def test_worse_is_worse_than_one_chance_in_six():
@@ -155,7 +169,7 @@ def test_what_is_screened_together_is_what_is_screened_alone():
 
 @pytest.mark.parametrize("n_rows", [8, 83, 1000])
 def test_every_row_is_left_out_once(n_rows):
-    parts = blocks(n_rows)
+    parts = blocks(np.arange(n_rows))
     np.testing.assert_array_equal(np.sum(parts, axis=0), np.ones(n_rows))
     sizes = [int(part.sum()) for part in parts]
     assert max(sizes) - min(sizes) <= 1

@@ -1,6 +1,7 @@
 """The last fit: which prior it has, and that it harms no joint."""
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from dynid_rs.runs.splitting import split_runs
 
 
 def all_ways(fit):
-    return weighing._ways([len(states.rows) for states in fit.runs_])
+    return weighing._ways(fit)
 
 
 def prior(fit):
@@ -78,7 +79,7 @@ def test_what_was_found_on_a_short_run_harms_no_joint_for_its_prior(declared):
 
 
 def test_a_right_name_lets_joints_weigh_by_what_they_leave_now(declared, monkeypatch):
-    """Whole runs say so, and nothing else: of a lone run the weights are those of before."""
+    """Runs of other motions say so, and nothing else: of a lone one the weights are those of before."""
     setup, train, _, fit = declared
     asked = []
 
@@ -90,6 +91,9 @@ def test_a_right_name_lets_joints_weigh_by_what_they_leave_now(declared, monkeyp
     monkeypatch.setattr(weighing, "_does_harm", harm)
     assert len(fit.runs_) == 1
     assert weighed_as(fit, now, setup, train).links_.least_noise is not None
-    now.runs_ = [*fit.runs_, *fit.runs_]
+    now.runs_, n = [*fit.runs_, *fit.runs_], len(fit.observations_.phase)
+    now.observations_ = replace(fit.observations_, shown=np.tile(np.arange(n), 2))
+    assert weighed_as(fit, now, setup, train).links_.least_noise is not None
+    now.observations_ = replace(fit.observations_, shown=np.arange(2 * n))
     assert weighed_as(fit, now, setup, train).links_.least_noise is None
     assert asked[-2:] == [1, 2]

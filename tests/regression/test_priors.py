@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from dynid_rs import RobotModel, UrdfError, _core, read_recording
-from dynid_rs.base.memory import column_memory, inflation, residual_memory
+from dynid_rs.base.memory import column_memory, inflation, residual_memory, returning
 from dynid_rs.identification.friction import friction_effect
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import declared_plan
@@ -286,6 +286,18 @@ def test_a_residual_counts_as_the_independent_samples_it_is_worth():
     assert residual_memory(runs) == pytest.approx((1 + pole) / (1 - pole), rel=0.1)
     assert residual_memory([rng.normal(size=20000)]) == pytest.approx(1.0, abs=0.05)
     assert residual_memory([np.zeros(10)]) == 1.0
+
+
+@pytest.mark.parametrize(("share", "rho"), [(1.0, 1.0), (0.5, 0.5), (0.0, 0.0)])
+def test_what_returns_with_a_motion_is_said_once(share, rho):
+    """Of four times round: all of a misfit is there again, and nothing of noise."""
+    rng = np.random.default_rng(1)
+    phase = np.tile(np.arange(3000), 4)
+    misfit, noise = rng.normal(size=3000)[phase], rng.normal(size=12000)
+    residual = np.sqrt(share) * misfit + np.sqrt(1 - share) * noise
+    assert returning(residual, phase) == pytest.approx(1 + 3 * rho, rel=0.05)
+    assert returning(residual, np.arange(12000)) == 1.0
+    assert returning(np.zeros(12000), phase) == 1.0
 
 
 # --- what it is good for ---------------------------------------------------------------------------------------------

@@ -114,6 +114,21 @@ def memory_bound(residuals: list[FloatArray]) -> tuple[float, float, float]:
     return memory, memory * (1.0 + UNLIKELY * float(np.sqrt(2.0 * (2 * len(rho) + 1) / n))), n / memory
 
 
+def returning(residual: FloatArray, phase: NDArray[np.int64]) -> float:
+    """How many rows of a motion that returns say the same of a residual, (n_rows,): one where nothing returns.
+
+    ``1 + (R - 1) rho`` with R the times that a row's motion is shown and rho how alike what is left is each time. Noise
+    is another one; what a model lacks is the same.
+    """
+    _, place = np.unique(phase, return_inverse=True)
+    times, sums, squares = np.bincount(place), np.bincount(place, residual), np.bincount(place, residual**2)
+    alike = float((times - 1) @ squares)
+    if alike <= 0:
+        return 1.0
+    rho = float(sums @ sums - squares.sum()) / alike
+    return 1.0 + rho * float((times * (times - 1.0)).sum() / times.sum()) if rho > WEAKEST else 1.0
+
+
 def square_memory(residual: FloatArray) -> float:
     """Samples of `residual` (n,) that its squares count as one, were it Gaussian around its mean; at least 1.
 

@@ -118,6 +118,11 @@ class Belief:
         return covariance
 
     @property
+    def phase(self) -> NDArray[np.int64]:
+        """Phase of the motion at every row of the fit, (n_rows,)."""
+        return self.first.observations_.phase
+
+    @property
     def run_lengths(self) -> list[int]:
         """Rows of every run of the fit."""
         return [len(states.rows) for states in self.fit.runs_]

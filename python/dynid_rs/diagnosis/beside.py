@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.memory import residual_memory
+from dynid_rs.base.memory import residual_memory, returning
 from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structural.about import About
@@ -72,7 +72,7 @@ class Beside:
         between = between_encoders(fit)
         if between.size:
             further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
-        model = model.beside(*further, *yielding(fit))
+        model = replace(model.beside(*further, *yielding(fit)), phase=observations.phase)
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
@@ -151,7 +151,9 @@ class Beside:
         without = self.best
         worth = model.n_effective.copy()
         for j in columns:
-            worth[j] = max(worth[j], model.counted[j].sum() / residual_memory([best.left(j)]))
+            counted, left = model.counted[j], best.left(j)
+            own = counted.sum() / (residual_memory([left]) * returning(left[counted], model.phase[counted]))
+            worth[j] = max(worth[j], own)
         if np.any(worth > FORGETS * model.n_effective):
             best = replace(model, n_effective=worth).fit(best.choice, best.noise)
             alone = replace(self.model, n_effective=worth)

@@ -13,7 +13,7 @@ from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
 from dynid_rs.diagnosis.estimates import Estimate, estimates, sized_torques
-from dynid_rs.diagnosis.rivals import is_one_cause
+from dynid_rs.diagnosis.rivals import is_one_or_another
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.diagnosis.waves import Argument
@@ -63,7 +63,7 @@ def effect_entries(
             entry["plot"] = plot
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
-        elif any(at != joints or not is_one_cause(kind, other) for (other, at), _ in named.ties):  # one or the other
+        elif is_one_or_another(place, named):
             entry |= {"kind": "unknown", "told_as": kind}
         elif effect is not None and effect not in sized:  # it predicts, but its size may be none
             signal = CATALOGUE[kind]["signals"][0]

@@ -145,7 +145,7 @@ def _scatter(model: LinearModel, fit: Fit) -> FloatArray:
     """
     from scipy.special import stdtrit
 
-    parts = model.solved_without(fit, blocks(model.n_rows))
+    parts = model.solved_without(fit, blocks(model.phase))
     free = len(parts) - 1
     scatter: FloatArray = np.sqrt(free * np.var(parts, axis=0)) * (stdtrit(free, 0.975) / NORMAL_95)
     return scatter

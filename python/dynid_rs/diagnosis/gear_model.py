@@ -86,6 +86,13 @@ class Gear:
         return [s.q[s.rows, self.joint][s.counted[:, self.joint]] for s in self.fit.runs_]
 
     @property
+    def phase(self) -> NDArray[np.int64]:
+        """Phase of the motion at the rows, (n_rows of all runs,)."""
+        counted = np.concatenate([s.counted[:, self.joint] for s in self.fit.runs_])
+        phase: NDArray[np.int64] = self.fit.observations_.phase[counted]
+        return phase
+
+    @property
     def deflection(self) -> list[FloatArray]:
         """Motor minus link position as the encoders show them [rad], (n_rows,) per run."""
         shown = [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.memory import residual_memory
+from dynid_rs.base.memory import residual_memory, returning
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import SETTLING, fitted
 from dynid_rs.diagnosis.entries import unscored, untold
@@ -122,7 +122,7 @@ def _named(gear: Gear, covariance: FloatArray) -> list[Seen]:
     while True:
         open_ = [h for h in hypotheses if h.kind not in {g.kind for g, _ in named} and _may_follow(h, named)]
         left = [model.beside({0: h.columns}).fit(Choice(), fit.noise).residual[0] for h in open_]
-        worth = [model.n_rows / residual_memory(np.split(part, edges)) for part in left]
+        worth = [model.n_rows / (residual_memory(np.split(part, edges)) * returning(part, gear.phase)) for part in left]
         passing = [(w, h) for w, h in zip(worth, open_, strict=True) if _passes(model, fit, h, w, need)]
         if not passing:
             break

@@ -13,7 +13,7 @@ from dynid_rs.diagnosis.trials import Value, blocks, helps, is_stable, whole_run
 
 def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
     """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
-    parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
+    parts, runs = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths)
     after = beside.with_columns(tried.columns)
     return (
         helps(beside, after, belief.reach(tried.hypothesis), parts, runs)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid_rs.base.odds import SURE
-from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
@@ -113,3 +113,9 @@ def _same_torque(belief: Belief, place: Place, other: Place) -> bool:
 def is_one_cause(kind: str, other: str) -> bool:
     """Whether two kinds are the same in physics, so that not to tell them apart leaves no cause open."""
     return kind == other or LIMITS.get(kind) == other or LIMITS.get(other) == kind
+
+
+def is_one_or_another(place: Place, named: Named) -> bool:
+    """Whether something that is another cause, or elsewhere, explains the same as a name."""
+    kind, joints = place
+    return any(at != joints or not is_one_cause(kind, other) for (other, at), _ in named.ties)

@@ -182,7 +182,7 @@ def exchange(belief: Belief) -> bool:
 
     Whether something was exchanged.
     """
-    parts, runs, changed = blocks(belief.beside.model.n_rows), whole_runs(belief.run_lengths), False
+    parts, runs, changed = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths), False
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
         against = contest(belief, effect, places)
         own, others = against.own, against.beside
@@ -206,7 +206,7 @@ def merge(belief: Belief) -> bool:
 
     Each name has had to pass against all kinds and places, so two of them pay for one name more.
     """
-    parts, runs, changed = blocks(belief.beside.model.n_rows), whole_runs(belief.run_lengths), False
+    parts, runs, changed = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths), False
     log_places = float(np.log(belief.catalogue.n_places))
     for one, two in combinations([shaped_as(effect) for effect in belief.setup.effects], 2):
         now = [(s.kind, s.joints) for s in (one, two)]

@@ -115,7 +115,7 @@ def harmless(belief: Belief) -> None:
     the names that do it the least certain goes first.
     """
     declared = belief.at_first
-    ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
+    ways = [parts for parts in (blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths)) if parts]
     before = [declared.model.left_out(declared.best, parts) for parts in ways]
     while belief.named:
         after = [belief.beside.model.left_out(belief.beside.best, parts) for parts in ways]

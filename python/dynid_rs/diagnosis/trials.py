@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from dynid_rs.regression.linear_model import Columns
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 N_BLOCKS = 8
 """Parts of the data, in order of time: left out one by one, and halved."""
@@ -113,18 +113,35 @@ def _averaged(
     return averaged
 
 
-def blocks(n_rows: int) -> list[BoolArray]:
-    """Parts of the rows in order of time, (n_rows,) each."""
-    edges = np.linspace(0, n_rows, N_BLOCKS + 1).astype(int)
-    at = np.arange(n_rows)
-    return [(at >= first) & (at < last) for first, last in pairwise(edges)]
+def blocks(phase: IntArray, n: int = N_BLOCKS) -> list[BoolArray]:
+    """Parts of the rows in order of their motion, (n_rows,) each: what returns is in one of them."""
+    edges = np.sort(phase)[np.linspace(0, len(phase), n + 1).astype(int)[:-1]]
+    part = np.searchsorted(edges, phase, side="right") - 1
+    return [part == k for k in range(n)]
 
 
-def whole_runs(lengths: Sequence[int]) -> list[BoolArray]:
-    """The rows of each run, (n_rows,) each, or the thirds of a lone one: as far from the rest as what comes next is."""
-    n = sum(lengths)
-    of_run = np.repeat(np.arange(len(lengths)), lengths) if len(lengths) > 1 else np.arange(n) * THIRDS // max(n, 1)
-    return [of_run == run for run in range(int(of_run[-1]) + 1)]
+def whole_runs(phase: IntArray, lengths: Sequence[int]) -> list[BoolArray]:
+    """The rows of each run, (n_rows,) each, or the thirds of a lone one: as far from the rest as what comes next is.
+
+    Runs that show each other's motion are one.
+    """
+    of_run = _motions(phase, lengths)
+    several = np.unique(of_run)
+    return [of_run == run for run in several] if len(several) > 1 else blocks(phase, THIRDS)
+
+
+def is_alone(phase: IntArray, lengths: Sequence[int]) -> bool:
+    """Whether all runs are one motion."""
+    return len(np.unique(_motions(phase, lengths))) == 1
+
+
+def _motions(phase: IntArray, lengths: Sequence[int]) -> IntArray:
+    """Run whose motion every row shows, (n_rows,): the first of those that show each other's."""
+    of_run = np.repeat(np.arange(len(lengths)), lengths)
+    for run in range(len(lengths)):
+        alike = np.unique(of_run[np.isin(phase, phase[of_run == run])])
+        of_run[np.isin(of_run, alike)] = min(alike, default=run)
+    return of_run
 
 
 def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:

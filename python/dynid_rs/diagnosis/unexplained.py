@@ -113,6 +113,6 @@ def _screened(beside: Beside, j: int, hypotheses: Sequence[Hypothesis]) -> list[
 
 def _share(beside: Beside, j: int, columns: Columns) -> float:
     """Part of joint j's power on parts that were left out which waves take off."""
-    parts, after = blocks(beside.model.n_rows), beside.with_columns(columns)
+    parts, after = blocks(beside.model.phase), beside.with_columns(columns)
     without, left = (float(b.model.left_out(b.best, parts)[:, j].sum()) for b in (beside, after))
     return 1 - left / max(without, 1e-300)

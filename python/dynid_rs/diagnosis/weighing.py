@@ -13,7 +13,7 @@ from dynid_rs.base.estimator import clone
 from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.standing import harms
-from dynid_rs.diagnosis.trials import blocks, whole_runs
+from dynid_rs.diagnosis.trials import blocks, is_alone, whole_runs
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -46,11 +46,11 @@ def weighed_as(
     friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
     again = partial(fitted, setup, train, friction=friction)
     weighed = _at_a_prior_that_harms_nobody(declared, fit, again, clone(links))
-    runs = [len(states.rows) for states in fit.runs_]
-    if len(runs) == 1 or not _does_harm(fit, weighed, [whole_runs(runs)]):
+    phase, lengths = _shown(fit)
+    if is_alone(phase, lengths) or not _does_harm(fit, weighed, [whole_runs(phase, lengths)]):
         return weighed
     now = again(links=clone(links))
-    return weighed if _does_harm(declared, now, _ways(runs)) else now
+    return weighed if _does_harm(declared, now, _ways(fit)) else now
 
 
 def _at_a_prior_that_harms_nobody(
@@ -62,7 +62,7 @@ def _at_a_prior_that_harms_nobody(
     """Fit `again` at the weights of the declared fit, and at the most probable prior that does no harm."""
     links.set_params(least_noise=_posterior(declared).noise_std, elsewhere=_elsewhere(fit))
     weighed = again(links=links)
-    likeliest, ways = _posterior(weighed).choice, _ways([len(states.rows) for states in fit.runs_])
+    likeliest, ways = _posterior(weighed).choice, _ways(fit)
     for choice in dict.fromkeys((likeliest, _posterior(declared).choice, _posterior(fit).choice)):
         tried = weighed
         if choice != likeliest:
@@ -91,9 +91,14 @@ def _posterior(fit: ThreeLoopIdentifier) -> Posterior:
     return posterior
 
 
-def _ways(lengths: Sequence[int]) -> list[Parts]:
-    """Ways to leave out parts of runs of so many rows: by time, and whole runs."""
-    return [parts for parts in (blocks(sum(lengths)), whole_runs(lengths)) if parts]
+def _shown(fit: ThreeLoopIdentifier) -> tuple[NDArray[np.int64], list[int]]:
+    """Phase of the motion at every row of a fit, (n_rows,), and rows per run."""
+    return fit.observations_.phase, [len(states.rows) for states in fit.runs_]
+
+
+def _ways(fit: ThreeLoopIdentifier) -> list[Parts]:
+    """Ways to leave out parts of a fit's runs: in the order of their motion, and whole runs."""
+    return [blocks(_shown(fit)[0]), whole_runs(*_shown(fit))]
 
 
 def _does_harm(other: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, ways: Sequence[Parts]) -> bool:

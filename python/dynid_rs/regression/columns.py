@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.threads import side_by_side
-from dynid_rs.regression.kept_columns import observed
+from dynid_rs.regression.kept_columns import kept_answer, observed
 from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.returns import phases
 
 FloatArray = NDArray[np.float64]
 
@@ -197,10 +198,20 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Rows and factors of all training blocks."""
+    """Rows and factors of all training blocks.
+
+    `shown`: phase of the motion at every row of the runs, (n_rows,), where these are in memory (`runs/returns.py`).
+    """
 
     plan: Plan
     blocks: list[Block]
+    shown: NDArray[np.int64] | None = None
+
+    @property
+    def phase(self) -> NDArray[np.int64]:
+        """`shown`, of runs in memory."""
+        assert self.shown is not None
+        return self.shown
 
     @property
     def n_rows(self) -> int:
@@ -255,7 +266,8 @@ def observe(
         cuts = [[joint[part] for joint in rows] for part in parts]
         return [Block(k, cut, [_core.triangular_factor(joint) for joint in cut]) for cut in cuts]
 
-    return Observations(plan, [block for own in side_by_side(blocks, range(len(runs))) for block in own])
+    shown = kept_answer("phases", [states.motion for states in runs], lambda: phases(runs))
+    return Observations(plan, [block for own in side_by_side(blocks, range(len(runs))) for block in own], shown)
 
 
 def run_rows(

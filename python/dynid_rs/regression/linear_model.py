@@ -131,6 +131,8 @@ class LinearModel:
         ``[M_j | y_j]'[M_j | y_j]`` per joint, where they are known already.
     counted : list of ndarray of bool (n_rows,), optional
         Rows of every joint that say something, where they are known already: those of a joint at rest are zero.
+    phase : ndarray (n_rows,), optional
+        Of the motion at every row: rows of the same number show the same again. No two do by default.
     """
 
     rows: list[FloatArray]
@@ -142,6 +144,7 @@ class LinearModel:
     n_further: int = 0
     grams: list[FloatArray] = None  # type: ignore[assignment]
     counted: list[BoolArray] = None  # type: ignore[assignment]
+    phase: NDArray[np.int64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         # The class is frozen.
@@ -149,6 +152,8 @@ class LinearModel:
             object.__setattr__(self, "grams", [part.T @ part for part in self.rows])
         if self.counted is None:
             object.__setattr__(self, "counted", [np.any(part, axis=1) for part in self.rows])
+        if self.phase is None:
+            object.__setattr__(self, "phase", np.arange(self.n_rows))
 
     def fit(self, choice: Choice, noise: FloatArray) -> Fit:
         """Most probable unknowns; the noise is searched from `noise` (n_joints,)."""
@@ -193,6 +198,7 @@ class LinearModel:
             rows=rows,
             grams=[part.T @ part for part in rows],
             counted=counted,
+            phase=self.phase[kept],
             n_effective=self.n_effective * np.maximum(shares, 1e-9),
             n_rows=int(kept.sum()),
         )
