@@ -64,7 +64,7 @@ def test_a_function_is_as_smooth_as_any_beforehand():
 
 
 @pytest.mark.parametrize(
-    ("interval", "tie", "is_untold"),
+    ("interval", "tie", "ends"),
     [
         ((0.5, 1.5), None, False),
         ((0.0, 1.5), None, True),
@@ -73,7 +73,7 @@ def test_a_function_is_as_smooth_as_any_beforehand():
         ((0.5, 1.5), ("counterbalance", (0,)), True),
     ],
 )
-def test_a_law_ends_where_the_runs_do_if_its_size_may_be_none_or_it_another(monkeypatch, interval, tie, is_untold):
+def test_a_law_ends_where_the_runs_do_if_its_size_may_be_none_or_it_another(monkeypatch, interval, tie, ends):
     """Other signals than the angle have no end; nor has what was declared."""
     strut, bristles = PlacedEffect.at("counterbalance", 1), PlacedEffect.at("friction_hysteresis", 1)
     declared = PlacedEffect.at("joint_spring", 0)
@@ -83,4 +83,4 @@ def test_a_law_ends_where_the_runs_do_if_its_size_may_be_none_or_it_another(monk
     ties = () if tie is None else ((tie, -1.0),)
     belief = SimpleNamespace(setup=SimpleNamespace(effects=(strut, bristles, declared)))
     belief.named = {place: Named(None, 9.0, ties) for place in known}
-    assert misfit.untold(belief) == ({("counterbalance", (1,))} if is_untold else set())
+    assert misfit.unsettled(belief) == ({("counterbalance", (1,))} if ends else set())

@@ -126,7 +126,7 @@ def returning(residual: FloatArray, phase: NDArray[np.int64]) -> float:
     if alike <= 0:
         return 1.0
     rho = float(sums @ sums - squares.sum()) / alike
-    return 1.0 + rho * float((times * (times - 1.0)).sum() / times.sum()) if rho > WEAKEST else 1.0
+    return 1.0 + max(rho, 0.0) * float((times * (times - 1.0)).sum() / times.sum())
 
 
 def square_memory(residual: FloatArray) -> float:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.trials import Value, blocks, helps, is_stable, whole_runs
+from dynid_rs.model.placed import CATALOGUE
+
+OF_TIME = {"step", "temperature"}
+"""Signals of what changes while the motion returns."""
 
 
 def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
     """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
-    parts, runs = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths)
+    phase = np.arange(len(belief.phase)) if _changes_in_time(tried.hypothesis) else belief.phase
+    parts, runs = blocks(phase), whole_runs(phase, belief.run_lengths)
     after = beside.with_columns(tried.columns)
     return (
         helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
@@ -22,6 +29,11 @@ def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value],
         # What tells the same with more right, and does not hold, makes the next best no more likely.
         and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > tried.value + SURE)
     )
+
+
+def _changes_in_time(hypothesis: Hypothesis) -> bool:
+    """Whether what is left out of a name has to be times, for it changes though the motion returns."""
+    return hypothesis.kind in CATALOGUE and bool(OF_TIME & set(CATALOGUE[hypothesis.kind]["signals"]))
 
 
 def shares(one: Hypothesis, other: Hypothesis) -> bool:

@@ -93,10 +93,10 @@ def of_the_angle(found: Mapping[Place, Argument]) -> dict[int, Argument]:
 
 
 def ended(setup: Setup, found: Collection[Place], angles: Sequence[Sequence[float]]) -> Setup:
-    """Return the setup with functions of an angle that have no name ending where they were learned.
+    """Return the setup with functions of an angle at places that were `found` ending where they were learned.
 
     `angles` (n_joints, 2) of the training runs: beyond them such a function keeps its value, for it is no law that says
-    more. A name is one, and says the same at every angle.
+    more. A name that is told is one, and says the same at every angle.
     """
     nameless_of_angle = {place for place in found if _is_of_the_angle(place[0])}
     effects = [
@@ -106,7 +106,7 @@ def ended(setup: Setup, found: Collection[Place], angles: Sequence[Sequence[floa
     return replace(setup, effects=tuple(effects))
 
 
-def untold(belief: Belief) -> set[Place]:
+def unsettled(belief: Belief) -> set[Place]:
     """Places of functions of an angle that are no law beyond the runs' angles, name or not.
 
     They may be one kind or another, or their size may be none with all shapes unknown together: what their form says

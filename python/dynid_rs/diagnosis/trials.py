@@ -21,12 +21,12 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 N_BLOCKS = 8
-"""Parts of the data, in order of time: left out one by one, and halved."""
+"""Parts of the motion, each with its returns: left out one by one, and halved."""
 N_HALVES, FIRST_IN = 16, 11
 """Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
 one of ten."""
 THIRDS = 3
-"""Parts of a lone run that stand for runs: the last third is what is kept aside of one for the test."""
+"""Parts of a lone motion that stand for runs: a third is what is kept aside of a lone run for the test."""
 CHANCE = 0.16
 """That parts which are worse by chance alone are taken for worse: of one standard error, were there many parts."""
 LEAST_GAIN = 0.03
@@ -117,7 +117,7 @@ def blocks(phase: IntArray, n: int = N_BLOCKS) -> list[BoolArray]:
     """Parts of the rows in order of their motion, (n_rows,) each: what returns is in one of them."""
     edges = np.sort(phase)[np.linspace(0, len(phase), n + 1).astype(int)[:-1]]
     part = np.searchsorted(edges, phase, side="right") - 1
-    return [part == k for k in range(n)]
+    return [part == k for k in np.unique(part)]
 
 
 def whole_runs(phase: IntArray, lengths: Sequence[int]) -> list[BoolArray]:
@@ -188,7 +188,7 @@ def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Seque
     """Whether no rival on its joints refutes the name in most halves of the data."""
     rng = np.random.default_rng(0)
     hypotheses = [best.hypothesis, *(rival.hypothesis for rival in rivals)]
-    halves = [rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False) for _ in range(N_HALVES)]
+    halves = [rng.choice(len(parts), -(-len(parts) // 2), replace=False) for _ in range(N_HALVES)]
 
     def comes_first(blocks: NDArray[np.intp]) -> bool:
         half = np.any([parts[k] for k in blocks], axis=0)

@@ -39,8 +39,8 @@ def weighed_as(
     out, that of the declared fit, or else of `fit`, stays if it does no such harm.
 
     A name that is right makes rows that precise: where whole runs that were left out are predicted worse at these
-    weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. A lone
-    run cannot say so, for what is feared is harm elsewhere.
+    weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. Runs of
+    one motion cannot say so, for what is feared is harm elsewhere.
     """
     links = setup.options.get("links") or LinkDynamicsIdentifier()
     friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)

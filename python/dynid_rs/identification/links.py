@@ -327,4 +327,4 @@ def baseline(observations: Observations) -> tuple[Observations, FloatArray]:
         )
         for block in observations.blocks
     ]
-    return Observations(reduced, blocks, observations.shown), regroup
+    return Observations(reduced, blocks, observations.runs), regroup

@@ -198,4 +198,4 @@ def _with_torque(observations: Observations, torque: Sequence[FloatArray]) -> Ob
     """Return the same columns with another torque, (n_rows, n_joints) per run; one block per run."""
     rows = observations.rows_with(torque)
     blocks = [Block(k, joints, [_core.triangular_factor(x) for x in joints]) for k, joints in enumerate(rows)]
-    return Observations(observations.plan, blocks, observations.shown)
+    return Observations(observations.plan, blocks, observations.runs)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.threads import side_by_side
-from dynid_rs.regression.kept_columns import kept_answer, observed
+from dynid_rs.regression.kept_columns import observed
 from dynid_rs.runs.preprocessing import States
 from dynid_rs.runs.returns import phases
 
@@ -200,18 +200,17 @@ class Block:
 class Observations:
     """Rows and factors of all training blocks.
 
-    `shown`: phase of the motion at every row of the runs, (n_rows,), where these are in memory (`runs/returns.py`).
+    `runs`: where they are in memory.
     """
 
     plan: Plan
     blocks: list[Block]
-    shown: NDArray[np.int64] | None = None
+    runs: tuple[States, ...] = ()
 
     @property
     def phase(self) -> NDArray[np.int64]:
-        """`shown`, of runs in memory."""
-        assert self.shown is not None
-        return self.shown
+        """Phase of the motion at every row of runs in memory, (n_rows,) (`runs/returns.py`)."""
+        return phases(self.runs)
 
     @property
     def n_rows(self) -> int:
@@ -266,8 +265,7 @@ def observe(
         cuts = [[joint[part] for joint in rows] for part in parts]
         return [Block(k, cut, [_core.triangular_factor(joint) for joint in cut]) for cut in cuts]
 
-    shown = kept_answer("phases", [states.motion for states in runs], lambda: phases(runs))
-    return Observations(plan, [block for own in side_by_side(blocks, range(len(runs))) for block in own], shown)
+    return Observations(plan, [block for own in side_by_side(blocks, range(len(runs))) for block in own], tuple(runs))
 
 
 def run_rows(
