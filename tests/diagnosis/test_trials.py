@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.diagnosed import ROBOT, measured, recorded, rigid
 
-from dynid_rs.diagnosis import beside
+from dynid_rs.diagnosis import beside, holding
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.search import forward
@@ -202,3 +203,15 @@ def test_a_stage_s_ratio_stays_one_of_a_gear(monkeypatch):
     (ratio,) = [p for p in CATALOGUE["coupled_friction"]["shape"] if p["name"] == "ratio"]
     found = dict(polished(belief.beside, belief.catalogue, start).shape)["ratio"]
     assert 0.5 * ratio["highest"] < found < ratio["highest"]
+
+
+@pytest.mark.parametrize(("kind", "by_time"), [("thermal_friction", True), ("stribeck", False)])
+def test_what_changes_while_a_motion_returns_is_left_out_by_time(monkeypatch, kind, by_time):
+    asked = []
+    monkeypatch.setattr(holding, "helps", lambda *given: asked.extend(given[3:]))
+    belief = SimpleNamespace(phase=np.tile(np.arange(24), 2), run_lengths=[48], reach=lambda _: [0])
+    tried = SimpleNamespace(hypothesis=SimpleNamespace(kind=kind), columns={})
+    assert not holding.holds(belief, SimpleNamespace(with_columns=lambda _: None), tried, [], 0.0)
+    parts, thirds = asked
+    for left_out in (*parts, *thirds):
+        assert np.all(left_out[:24] == left_out[24:]) != by_time
