@@ -302,3 +302,11 @@ def test_unknowns_without_a_block_are_those_of_the_other_rows():
     precision = np.linalg.inv(model.prior.covariance(1.0))
     normal = C.T @ (weights[:, None] * C) + precision
     assert_allclose(x, np.linalg.solve(normal, C.T @ (weights * y[:, ~block].ravel()) + precision @ model.prior.mean))
+
+
+def test_factors_of_many_rows_take_no_memory_for_each():
+    """A billion rows behind them: nothing is as long as that."""
+    model, _, _ = make()
+    factors = [np.linalg.qr(part, mode="r") for part in model.rows]
+    wide = LinearModel(factors, model.places, model.prior, model.n_effective, model.least_noise, 1_000_000_000)
+    assert [len(wide.phase), len(wide.counted[0])] == [len(factors[0])] * 2

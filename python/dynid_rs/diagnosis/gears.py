@@ -115,14 +115,14 @@ def _named(gear: Gear, covariance: FloatArray) -> list[Seen]:
     """Names for one gear, one after the other, by posterior odds."""
     model, noise = gear.model(covariance)
     at, fit = model.prior.size, model.fit(Choice(), noise)
-    edges = np.cumsum([len(part) for part in gear.deflection])[:-1]
+    edges, phase = np.cumsum([len(part) for part in gear.deflection])[:-1], gear.phase
     hypotheses = gear.hypotheses()
     named: list[tuple[GearHypothesis, float]] = []
     need = SURE + float(np.log(len({h.kind for h in hypotheses}) * gear.fit.robot.n_joints))
     while True:
         open_ = [h for h in hypotheses if h.kind not in {g.kind for g, _ in named} and _may_follow(h, named)]
         left = [model.beside({0: h.columns}).fit(Choice(), fit.noise).residual[0] for h in open_]
-        worth = [model.n_rows / (residual_memory(np.split(part, edges)) * returning(part, gear.phase)) for part in left]
+        worth = [model.n_rows / (residual_memory(np.split(part, edges)) * returning(part, phase)) for part in left]
         passing = [(w, h) for w, h in zip(worth, open_, strict=True) if _passes(model, fit, h, w, need)]
         if not passing:
             break

@@ -98,7 +98,8 @@ def _shown(fit: ThreeLoopIdentifier) -> tuple[NDArray[np.int64], list[int]]:
 
 def _ways(fit: ThreeLoopIdentifier) -> list[Parts]:
     """Ways to leave out parts of a fit's runs: in the order of their motion, and whole runs."""
-    return [blocks(_shown(fit)[0]), whole_runs(*_shown(fit))]
+    phase, lengths = _shown(fit)
+    return [blocks(phase), whole_runs(phase, lengths)]
 
 
 def _does_harm(other: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, ways: Sequence[Parts]) -> bool:

@@ -188,7 +188,8 @@ def fit_with_prior(
             found = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
             if observations.runs:
                 whole, counted = np.concatenate(left), np.concatenate([block.counted for block in observations.blocks])
-                found /= [returning(whole[c, j], observations.phase[c]) for j, c in enumerate(counted.T)]
+                phase = observations.phase
+                found /= [returning(whole[c, j], phase[c]) for j, c in enumerate(counted.T)]
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
     end = model.fit(choice, noise)

@@ -153,7 +153,7 @@ class LinearModel:
         if self.counted is None:
             object.__setattr__(self, "counted", [np.any(part, axis=1) for part in self.rows])
         if self.phase is None:
-            object.__setattr__(self, "phase", np.arange(self.n_rows))
+            object.__setattr__(self, "phase", np.arange(len(self.rows[0])))  # factors stand for any number of rows
 
     def fit(self, choice: Choice, noise: FloatArray) -> Fit:
         """Most probable unknowns; the noise is searched from `noise` (n_joints,)."""

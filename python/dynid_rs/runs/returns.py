@@ -43,7 +43,7 @@ def phases(runs: Sequence[States]) -> IntArray:
 
     In the order of time where nothing returns, no two alike.
     """
-    key = tuple((states.digest("q"), states.digest("dq"), states.rows.tobytes()) for states in runs)
+    key = tuple(states.motion for states in runs)
     found = _KEPT.get(key)
     if found is None:
         found = _KEPT[key] = _phases(runs)
