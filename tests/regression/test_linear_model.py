@@ -106,6 +106,19 @@ def test_the_unknowns_and_their_covariance_are_those_of_bayes():
     assert_allclose(fit.weights, 1 / NOISE)
 
 
+def test_where_some_unknowns_are_known_the_others_are_those_of_least_squares_beside_them():
+    model, dense, y = make()
+    choice = Choice(0.7, 1.0)
+    across, _ = model.prior.rows(choice)
+    A = np.concatenate([*(dense / NOISE[:, None, None]), across[:, :-1]])
+    b = np.concatenate([*(y / NOISE[:, None]), across[:, -1]])
+    known = np.array([0.4, -1.2])
+    beside = held(model).fit(choice, NOISE).beside_links(known)
+    assert_array_equal(beside.x[:2], known)
+    assert_allclose(beside.x[2:], np.linalg.lstsq(A[:, 2:], b - A[:, :2] @ known, rcond=None)[0], rtol=1e-8)
+    assert_allclose(beside.left(0), y[0] - dense[0] @ beside.x, atol=1e-10)
+
+
 def test_the_noise_is_the_most_probable_one():
     """MacKay's fixed point is where the evidence is greatest over the noise, to the 1 % at which its search ends."""
     model, dense, y = make(3)

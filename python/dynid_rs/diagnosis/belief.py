@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -161,6 +161,11 @@ class Belief:
         plan, columns = self.fit.observations_.plan, own_columns(self.setup.effects, 0)
         first = plan.friction[1].start - 1 - max(column for places in columns for _, column in places)
         return [[(j, plan.n_base + j * plan.n_own + first + column) for j, column in places] for places in columns]
+
+    def columns_of(self, found: Collection[Place]) -> list[tuple[int, int]]:
+        """Joint and place among the fit's unknowns of every coefficient of torques at places that were `found`."""
+        own = zip(self.setup.effects, self.places(), strict=True)
+        return [column for effect, columns in own if (effect.kind, effect.joints) in found for column in columns]
 
     def hold(self, held: Sequence[HeldEffect]) -> None:
         """Put torques that were fitted at full rate into the setup, and fit everything again."""

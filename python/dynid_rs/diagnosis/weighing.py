@@ -28,7 +28,11 @@ N_ELSEWHERE = 600
 
 
 def weighed_as(
-    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
+    declared: ThreeLoopIdentifier,
+    fit: ThreeLoopIdentifier,
+    setup: Setup,
+    train: Sequence[Recording],
+    unlinked: Sequence[tuple[int, int]] = (),
 ) -> ThreeLoopIdentifier:
     """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
 
@@ -41,8 +45,11 @@ def weighed_as(
     A name that is right makes rows that precise: where whole runs that were left out are predicted worse at these
     weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. Runs of
     one motion cannot say so, for what is feared is harm elsewhere.
+
+    `unlinked`: columns (joint, place among the fit's unknowns) of torques without a name. They predict what is left
+    beside the links and say nothing of them: what such a torque has in common with gravity it has on these runs only.
     """
-    links = setup.options.get("links") or LinkDynamicsIdentifier()
+    links = clone(setup.options.get("links") or LinkDynamicsIdentifier()).set_params(unlinked=unlinked)
     friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
     again = partial(fitted, setup, train, friction=friction)
     weighed = _at_a_prior_that_harms_nobody(declared, fit, again, clone(links))

@@ -65,6 +65,8 @@ class LinkDynamicsIdentifier(Estimator):
         leaves the others' torques there as they are.
     believed : Choice, optional
         How far the prior is believed, instead of what the evidence chooses.
+    unlinked : sequence of (int, int)
+        Under a prior, columns (joint, place among all unknowns) that say nothing of the links.
 
     Attributes
     ----------
@@ -102,6 +104,7 @@ class LinkDynamicsIdentifier(Estimator):
         least_noise: FloatArray | None = None,
         elsewhere: FloatArray | None = None,
         believed: Choice | None = None,
+        unlinked: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.weighting = weighting
         self.prior = prior
@@ -112,6 +115,7 @@ class LinkDynamicsIdentifier(Estimator):
         self.least_noise = least_noise
         self.elsewhere = elsewhere
         self.believed = believed
+        self.unlinked = unlinked
 
     def fit(
         self,
@@ -217,6 +221,7 @@ class LinkDynamicsIdentifier(Estimator):
             least_noise=self.least_noise,
             elsewhere=self.elsewhere,
             believed=self.believed,
+            unlinked=self.unlinked,
         )
 
     def use_posterior(

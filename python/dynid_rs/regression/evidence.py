@@ -73,6 +73,8 @@ class Posterior:
         Its rows ``[A | b]``.
     converged : bool
         Whether width and centre were the same in the last two rounds.
+    n_linked : ndarray (n_joints,)
+        Independent samples that the rows are worth where columns that say nothing of the links are left out.
     """
 
     x: FloatArray
@@ -87,6 +89,7 @@ class Posterior:
     pull: FloatArray
     n_rounds: int
     converged: bool
+    n_linked: FloatArray
 
     def model(
         self,
@@ -121,6 +124,7 @@ def fit_with_prior(
     least_noise: FloatArray | None = None,
     elsewhere: FloatArray | None = None,
     believed: Choice | None = None,
+    unlinked: Sequence[tuple[int, int]] = (),
 ) -> Posterior:
     """Fit all unknowns under the weak prior.
 
@@ -144,6 +148,8 @@ def fit_with_prior(
         Columns of the links at states that no run has shown, for `least_noise`: joints' torques stay there too.
     believed : Choice, optional
         Width, centre and size of bends of the prior, instead of those that the evidence chooses.
+    unlinked : sequence of (int, int)
+        Columns, by joint and place among all unknowns, that say nothing of the links, which are as without them.
     """
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
     n = plan.robot.n_joints
@@ -179,25 +185,29 @@ def fit_with_prior(
                 ways = _in_common(best, plan.n_base, prior, scale, free, 0.1 * size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
                 apart = end.evidence > best.evidence  # else nothing is to be found there next time
-                if apart:
+                if unlinked:
                     best, prior, scale = end, own, gains
         noise = best.noise
         chosen.append(choice)
         if held is None:
-            left = observations.by_run(block_residuals(observations, best.x, scale))
-            found = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
-            if observations.runs:
-                whole, counted = np.concatenate(left), np.concatenate([block.counted for block in observations.blocks])
-                phase = observations.phase
-                found /= [returning(whole[c, j], phase[c]) for j, c in enumerate(counted.T)]
+            found = _worth(observations, best.x, scale)
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
-    end = model.fit(choice, noise)
-    if least_noise is not None:
+
+    def ended(model: LinearModel) -> Fit:
+        end = model.fit(choice, noise)
+        if least_noise is None:
+            return end
         model = replace(model, least_noise=LEAST_NOISE * size)
-        noise = model.fit(choice, noise).noise
+        own = model.fit(choice, noise).noise
         unseen = [] if elsewhere is None else _elsewhere(plan, model, elsewhere * scale[:, None])
-        end = _kept_at(model, end, noise, unseen).at(choice, noise)
+        return _kept_at(model, end, own, unseen).at(choice, own)
+
+    end, n_linked = ended(model), n_effective
+    if unlinked:
+        alone = model.without(unlinked)
+        n_linked = np.minimum(n_effective, _worth(observations, alone.fit(choice, noise).x, scale))
+        end = end.beside_links(ended(replace(alone, n_effective=n_linked)).x[: plan.n_base])
     pull = prior.rows(choice)[0]
     n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
     return Posterior(
@@ -213,7 +223,20 @@ def fit_with_prior(
         pull,
         len(chosen),
         len(set(chosen[-2:])) == 1,
+        n_linked,
     )
+
+
+def _worth(observations: Observations, x: FloatArray, scale: FloatArray) -> FloatArray:
+    """Independent samples that every joint's rows are worth by what `x` leaves of them, (n_joints,)."""
+    left = observations.by_run(block_residuals(observations, x, scale))
+    n = observations.plan.robot.n_joints
+    worth: FloatArray = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
+    if observations.runs:
+        whole, counted = np.concatenate(left), np.concatenate([block.counted for block in observations.blocks])
+        phase = observations.phase
+        worth /= [returning(whole[c, j], phase[c]) for j, c in enumerate(counted.T)]
+    return worth
 
 
 def _elsewhere(plan: Plan, model: LinearModel, links: FloatArray) -> list[FloatArray]:

@@ -92,6 +92,15 @@ class Fit:
         """What the fit leaves of every joint, (n_rows,) each."""
         return [self.left(j) for j in range(len(self.noise))]
 
+    def beside_links(self, links: FloatArray) -> Fit:
+        """All other unknowns as they are most probable where the first are known, `links` (n_links,).
+
+        ``x_o + S_ol S_ll^-1 (l - x_l)``: the mean of a normal given a part of it, S its covariance.
+        """
+        n = len(links)
+        moved = np.linalg.solve(self.covariance[:n, :n], links - self.x[:n])
+        return replace(self, x=np.concatenate([links, self.x[n:] + self.covariance[n:, :n] @ moved]))
+
     def left(self, j: int) -> FloatArray:
         """What the fit leaves of joint j, (n_rows,)."""
         part, at = self.model.rows[j], self.model.places[j]
