@@ -1436,7 +1436,7 @@ def watch_run(
     least_speed : (n_joints,)
         Mean speed below which a row says nothing [rad/s, m/s].
     frozen_after, frozen_way : (n_joints,)
-        Time after which a repeated torque is none [s], and how far the model's goes meanwhile [torque unit].
+        Time after which a repeated torque is none [s], where the model's has gone so far meanwhile [torque unit].
     row : float
         Time over which what the model leaves is averaged [s].
     false_per_day : float
@@ -1461,8 +1461,9 @@ def watch_run(
     speed : ndarray (n_rows, n_joints)
         Mean speed of every row [rad/s, m/s].
     repeats : ndarray (n_joints, 4)
-        Values that a torque channel showed while the arm moved, for how long all of them and the longest [s], and how
-        far the model's torque went while one was shown [torque unit].
+        Values that a torque channel showed while the arm moved, for how long all of them, and the longest of those
+        while which the model's torque went faster than on average [s], and how far it went, at most, while one was
+        shown [torque unit].
 
     Raises
     ------

@@ -7,7 +7,7 @@ import pytest
 from helpers.watched_arm import CHANGES, STEP, model, recorded, watching
 
 from dynid_rs import Watch
-from dynid_rs.model.healthy import LEAST_FROZEN, frozen_after
+from dynid_rs.model.healthy import LEAST_FROZEN, beyond_records
 from dynid_rs.model.standing import standing
 
 AT, JOINT = 20.0, 2
@@ -69,20 +69,34 @@ def test_several_channels_at_once_are_all_told():
     assert max(one.t for one in changes) < AT + 0.1
 
 
-def test_coarse_channels_say_how_long_their_values_last():
-    """Steps of a deviation, and of a fifth of it: healthy runs say nothing, and a fault is told later."""
-    took = []
-    for step in (0.1, 0.5):
-        healthy = [stepped(recorded(60.0, seed), step) for seed in (1, 2)]
-        watch = Watch(model()).fit(healthy)
-        assert (watch.frozen_after_ >= LEAST_FROZEN).all()
-        assert watch.frozen_after_.max() > LEAST_FROZEN
-        for seed in (20, 21, 22):
-            assert watch.watch(stepped(recorded(120.0, seed), step)).changes == ()
-        first = watch.watch(spoiled(stepped(recorded(60.0, 5), step), None)).changes[0]
-        assert (first.kind, first.joint) == ("frozen", model().robot.joint_names[JOINT])
-        took.append(first.t - AT)
-    assert took[0] < took[1] < 5.0
+@pytest.mark.parametrize("step", [0.1, 0.5])
+def test_of_coarse_channels_healthy_runs_say_how_far_the_torque_goes_while_a_value_lasts(step):
+    """Steps of a deviation, and of a fifth of it: healthy runs are silent, a fault is told once the torque moves."""
+    watch = Watch(model()).fit([stepped(recorded(60.0, seed), step) for seed in (1, 2)])
+    assert (watch.frozen_after_ >= LEAST_FROZEN).all()
+    assert (watch.frozen_way_ > 0.0).any()
+    for seed in (20, 21, 22):
+        assert watch.watch(stepped(recorded(120.0, seed), step)).changes == ()
+    first = watch.watch(spoiled(stepped(recorded(60.0, 5), step), None)).changes[0]
+    assert (first.kind, first.joint) == ("frozen", model().robot.joint_names[JOINT])
+    assert first.t - AT < 1.0
+
+
+def test_a_channel_that_is_measured_less_often_than_read_is_not_frozen_where_the_arm_moves_faster():
+    """Held for a tenth of a second: three times as fast, the torque goes further while a value lasts than ever."""
+    held = slice(None, None, round(0.1 / STEP))
+
+    def read_slowly(run):
+        tau = np.repeat(run.tau[held], round(0.1 / STEP), axis=0)[: len(run.tau)]
+        return replace(run, tau=tau)
+
+    watch = Watch(model()).fit([read_slowly(recorded(60.0, seed)) for seed in (1, 2)])
+    assert (watch.frozen_after_ > 0.1).all()
+    faster = recorded(60.0, 20)
+    faster = replace(faster, dq=3.0 * faster.dq, ddq=9.0 * faster.ddq)
+    torque, *_ = model().evaluate(faster.q, faster.dq, faster.ddq)
+    changes = watch.watch(read_slowly(replace(faster, tau=torque))).changes
+    assert "frozen" not in {one.kind for one in changes}
 
 
 def test_an_arm_that_rests_has_no_fault():
@@ -115,16 +129,13 @@ def test_a_watch_without_healthy_runs_knows_no_frozen_channel(tmp_path):
     assert np.isinf(Watch.load(tmp_path / "watch.json", model()).frozen_after_).all()
 
 
-def test_how_long_a_value_may_last_keeps_the_promise():
-    """Values that last geometrically, of a thousand channels: what is taken is passed as rarely as promised."""
+def test_how_far_the_torque_may_go_while_a_value_lasts_keeps_the_promise():
+    """It goes geometrically far while one lasts, of a thousand channels: what is further is as rare as promised."""
     rng = np.random.default_rng(1)
     n, seconds, per_day = 2000, 60.0, 20.0
-    chances, step, keep = [], 0.01, 0.6
+    chances, keep = [], 0.6
     for _ in range(1000):
-        values = rng.geometric(1 - keep, n)
-        after = frozen_after(n, step * values.sum(), step * values.max(), per_day)
-        chances.append(keep ** np.round(after / step))
-    expected = 86_400 / (step / (1 - keep)) * np.mean(chances)
+        ways = rng.geometric(1 - keep, n)
+        chances.append(keep ** (beyond_records(n, 86_400 / seconds, per_day) * int(ways.max())))
+    expected = 86_400 / seconds * n * np.mean(chances)
     assert 0.0 < expected < per_day
-    assert frozen_after(n, seconds, 0.001, per_day) == LEAST_FROZEN
-    assert np.isinf(frozen_after(3, seconds, 0.001, per_day))

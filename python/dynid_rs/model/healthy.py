@@ -29,7 +29,7 @@ Where half of what is tolerated has changed (c = 1/2), a row of r times the vari
 test of a change by d = 8 times what is tolerated, the widest, a ratio whose mean is
 ``exp((d - 1) (2 c + (d - 1) r - (d + 1)) g / 2)``: at most one for ``r <= (d + 1 - 2 c) / (d - 1) = 8 / 7``."""
 LEAST_VALUES = 30
-"""Fewer values of a torque channel tell not how long one lasts."""
+"""Fewer values of a torque channel tell not how far the torque goes while one is shown."""
 LEAST_FROZEN = 0.05
 """A value that lasts less than this [s] is no fault yet, whatever healthy runs say: messages are lost, and a fault is
 to be told within twice that time."""
@@ -51,8 +51,8 @@ class Healthy:
         Mean speed of a row [rad/s, m/s] below which too few rows say what the model leaves; infinite where it was not
         told at all.
     frozen_after, frozen_way
-        Time [s] after which a value that a torque channel repeats is no torque, infinite: never, and how far the
-        model's torque goes meanwhile [torque unit].
+        Time [s] after which a value that a torque channel repeats is no torque, infinite: never, where the model's
+        torque has gone as far meanwhile [torque unit].
     """
 
     inflation: FloatArray
@@ -112,28 +112,28 @@ def learn(
     found.memory[~told] = found.memory[told].max()
     counts = np.stack(repeats)
     number, time = counts[..., 0].sum(axis=0), counts[..., 1].sum(axis=0)
-    found.frozen_way[:] = counts[..., 3].max(axis=0)
-    for j, longest in enumerate(counts[..., 2].max(axis=0)):
-        found.frozen_after[j] = frozen_after(int(number[j]), time[j], longest, false_per_day)
+    longest, way = counts[..., 2].max(axis=0), counts[..., 3].max(axis=0)
+    for j in np.flatnonzero(number >= LEAST_VALUES).tolist():
+        k = beyond_records(int(number[j]), 86_400.0 / time[j], false_per_day)
+        found.frozen_after[j] = max(k * longest[j], LEAST_FROZEN)
+        found.frozen_way[j] = k * way[j]
     return found
 
 
-def frozen_after(n_values: int, time: float, longest: float, false_per_day: float) -> float:
-    """Time [s] after which a value that is repeated is no torque.
+def beyond_records(n_values: int, per_day: float, false_per_day: float) -> int:
+    """Multiple of the way that the model's torque went, at most, while one of `n_values` was shown, that none goes.
 
-    Of `n_values` values that lasted `time` [s] together none lasted longer than `longest` [s]. The chance p that the
-    next one does is that of a record, distributed as Beta(1, n_values). A value that has lasted so long is no likelier
-    to last as long again than a new one (noise does not remember which value is shown), so that it lasts k times as
-    long with a chance of at most p^k, whose mean is ``k! n_values! / (n_values + k)!``. The least k is taken that
-    leaves no more than `false_per_day` of all values of a day.
+    The chance p that the next value goes further than all of them is that of a record, distributed as
+    Beta(1, n_values). A value through which the torque has gone so far is no likelier to go as far again than a new one
+    (neither noise nor steps remember where a value began), so that it goes k times as far with a chance of at most p^k,
+    whose mean is ``k! n_values! / (n_values + k)!``. The least k is taken that leaves no more than `false_per_day` of
+    all values of a day, which is `per_day` times as many.
     """
-    if n_values < LEAST_VALUES:
-        return float(np.inf)
-    expected, k = 86_400.0 * n_values / time, 0
+    expected, k = per_day * n_values, 0
     while expected > false_per_day:
         k += 1
         expected *= k / (n_values + k)
-    return max(k * longest, LEAST_FROZEN)
+    return k
 
 
 def _most(worth: float) -> float:

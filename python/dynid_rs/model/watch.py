@@ -125,8 +125,8 @@ class Watch:
         Mean speed of a row [rad/s, m/s] below which healthy runs are too few to say what the model leaves, so that it
         says nothing; infinite of a joint that they do not move for thirty rows, 0 before `fit`.
     frozen_after_, frozen_way_ : ndarray (n_joints,)
-        Time [s] after which a value that a torque channel repeats is no torque, and how far the model's torque goes
-        meanwhile [torque unit]; never before `fit`.
+        Time [s] after which a value that a torque channel repeats is no torque, where the model's torque has gone so
+        far meanwhile [torque unit]; never before `fit`.
     healthy_ : tuple of str
         Names of the runs that `fit` was given; not there before, nor in a watch that was loaded.
     """

@@ -29,7 +29,7 @@ type Watched<'py> = (
 /// Changes in the order in which they were named, each a dict; then of every row the sample that ended it (n_rows,), and
 /// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something; and what stood before
 /// the run, and the text of what the watch remembers at the end; and mean speeds of the rows (n_rows, n), and of every channel how many values it showed, how long all
-/// together, the longest, and how far the model's torque went while one was shown, (n, 4). It goes on with what `remembered` says, the text of another run.
+/// together, the longest while which the torque was fast, and how far the model's went while one was shown, (n, 4). It goes on with what `remembered` says, the text of another run.
 #[pyfunction]
 #[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, least_speed, frozen_after, frozen_way, row, false_per_day, friction, gain, offset, load, delay, slip, unknown, remembered=None))]
 #[expect(clippy::too_many_arguments, reason = "a keyword function")]

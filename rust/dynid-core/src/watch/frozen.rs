@@ -1,8 +1,9 @@
 //! Torque channels that show the same value all the time, seen sample by sample.
 //!
 //! Values of a healthy channel repeat too: its steps are coarse, its noise is slow, or it is read more often than it is
-//! measured. Healthy runs say how long ([`Repeats`]); what lasts a multiple of that (`Watch.fit` derives it from the false
-//! alarms that are put up with), while the arm moves and the model's torque goes further than it went then, is no torque.
+//! measured. Healthy runs say how far the model's torque goes meanwhile, and how long a value lasts where it goes fast
+//! ([`Repeats`]); what lasts a multiple of both while the arm moves (`Watch.fit` derives it from the false alarms that are
+//! put up with) is no torque. Coarse steps last as long as the torque is slow, so that time alone tells them late.
 
 use super::rows::Row;
 use super::sequential::{Evidence, SequentialTest};
@@ -11,6 +12,11 @@ use crate::slices::{mirror_fields, Mirror};
 
 /// No sample, however late, counts for more than this \[s\]: what a channel showed in between is not known.
 const LATE: f64 = 0.01;
+
+/// The model's torque is averaged over so long \[s\]: its noise goes no way, nor does friction that changes its sign with every
+/// sample where a joint stands. A fifth of the least time after which a value is none; what it was before a value came is not
+/// in it, as it would be of a filter's.
+const MEAN: f64 = 0.01;
 
 /// For as long a frozen channel is *named*, then *settled*, as other changes are \[rows\].
 const SETTLED: f64 = super::judging::SETTLED as f64;
@@ -22,7 +28,7 @@ pub struct Repeats {
     pub n: u64,
     /// For how long all of them together \[s\].
     pub time: f64,
-    /// The longest \[s\].
+    /// The longest of those while which the model's torque went faster than it did on average \[s\].
     pub longest: f64,
     /// How far the model's torque went, at most, while one was shown \[torque unit\].
     pub way: f64,
@@ -37,6 +43,45 @@ pub(super) enum Spoken {
     Settled,
 }
 
+/// The model's torque while the arm moves.
+#[derive(Clone, Copy, Debug, Default)]
+struct Going {
+    /// The mean in the making: its sum, its samples and its time \[s\], and whether several values are shown meanwhile.
+    sum: f64,
+    n: u32,
+    time: f64,
+    is_of_several: bool,
+    /// The mean before, how far they all went \[torque unit\], and in how long \[s\].
+    before: Option<f64>,
+    path: f64,
+    since: f64,
+}
+
+impl Going {
+    /// Takes a sample; the mean that it completes, and whether that is of one value.
+    fn take(&mut self, torque: f64, moved: f64) -> Option<(f64, bool)> {
+        (self.sum, self.n, self.time) = (self.sum + torque, self.n + 1, self.time + moved);
+        if self.time < MEAN {
+            return None;
+        }
+        let (mean, is_of_one) = (self.sum / f64::from(self.n), !self.is_of_several);
+        self.path += self.before.map_or(0.0, |before| (mean - before).abs());
+        self.since += self.time;
+        *self = Self {
+            before: Some(mean),
+            path: self.path,
+            since: self.since,
+            ..Self::default()
+        };
+        Some((mean, is_of_one))
+    }
+
+    /// Whether it has gone more slowly, on average, than such a way in such a time.
+    fn is_slower_than(&self, way: f64, time: f64) -> bool {
+        way * self.since > self.path * time
+    }
+}
+
 /// One joint's.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Channel {
@@ -45,9 +90,9 @@ pub(super) struct Channel {
     is_there: bool,
     /// For how long it has been shown while the arm moves \[s\].
     pub time: f64,
-    /// Least and greatest torque of the model meanwhile.
-    low: f64,
-    high: f64,
+    going: Going,
+    /// The least and the greatest of the means of the model's torque meanwhile.
+    range: Option<(f64, f64)>,
     pub spoken: Spoken,
     /// It has changed since, which is still to be said.
     is_over: bool,
@@ -79,29 +124,41 @@ impl Channel {
 
     /// Takes a sample: what is shown, what the model says, and how long after the one before, of which the arm moved `moved`.
     fn take(&mut self, shown: f64, predicted: f64, moved: f64) {
-        let is_same = self.is_there && shown.to_bits() == self.shown.to_bits();
-        if is_same {
+        if self.is_there && shown.to_bits() == self.shown.to_bits() {
             self.time += moved;
-            if moved > 0.0 {
-                self.low = self.low.min(predicted);
-                self.high = self.high.max(predicted);
-                // A value that the run ends with is one too.
-                self.repeats.longest = self.repeats.longest.max(self.time);
-                self.repeats.way = self.repeats.way.max(self.high - self.low);
+        } else {
+            self.is_over |= self.spoken != Spoken::Nothing;
+            if self.is_there && moved > 0.0 {
+                self.time += moved;
+                self.count();
+                self.repeats.n = self.repeats.n.saturating_add(1);
+                self.repeats.time += self.time;
             }
-            return;
+            (self.is_there, self.shown, self.time) = (true, shown, 0.0);
+            (self.going.is_of_several, self.range) = (self.going.n > 0, None);
         }
-        self.is_over |= self.spoken != Spoken::Nothing;
-        if self.is_there && moved > 0.0 {
-            let time = self.time + moved;
-            let repeats = &mut self.repeats;
-            repeats.n = repeats.n.saturating_add(1);
-            repeats.time += time;
-            repeats.longest = repeats.longest.max(time);
+        if moved > 0.0 {
+            if let Some((mean, true)) = self.going.take(predicted, moved) {
+                let (low, high) = self.range.unwrap_or((mean, mean));
+                self.range = Some((low.min(mean), high.max(mean)));
+            }
+            // A value that the run ends with is one too.
+            self.count();
         }
-        self.is_there = true;
-        (self.shown, self.time) = (shown, 0.0);
-        (self.low, self.high) = (predicted, predicted);
+    }
+
+    /// A value that has been shown for so long.
+    fn count(&mut self) {
+        let way = self.way();
+        self.repeats.way = self.repeats.way.max(way);
+        if self.going.is_slower_than(way, self.time) {
+            self.repeats.longest = self.repeats.longest.max(self.time);
+        }
+    }
+
+    /// How far the model's torque has gone while the value is shown.
+    fn way(&self) -> f64 {
+        self.range.map_or(0.0, |(low, high)| high - low)
     }
 }
 
@@ -137,7 +194,7 @@ impl Channels {
                 (channel.is_over, channel.spoken) = (false, Spoken::Nothing);
                 Said::Withdrawn
             } else {
-                let goes_on = channel.time >= *time && channel.high - channel.low > *way;
+                let goes_on = channel.time >= *time && channel.way() > *way;
                 match channel.spoken {
                     Spoken::Nothing if goes_on => {
                         channel.spoken = Spoken::Named;

@@ -355,17 +355,37 @@ fn a_channel_is_not_frozen_at_rest_nor_while_the_torque_stands_nor_if_it_changes
     }
 }
 
+/// Steps that the torque takes fast, in forty samples each, and then four times as slowly.
 #[test]
 fn repeats_of_a_healthy_channel_are_counted() {
     let mut channels = watch().channels;
-    for k in 0..1000 {
-        let model = [0.001 * f64::from(k), 0.0];
-        channels.take(&[f64::from(k / 7), 0.0], &model, 0.001, true);
+    let torque = |k: u32| 4.0 * f64::from(k.min(4000)) + f64::from(k.max(4000) - 4000);
+    for k in 0..12_000 {
+        let model = [0.001 * torque(k), 0.0];
+        let shown = [(torque(k) / 160.0).floor(), 0.0];
+        channels.take(&shown, &model, 0.001, true);
     }
     let of_first = channels.repeats().next().unwrap();
-    assert_eq!(of_first.n, 142);
-    assert!((of_first.longest - 0.007).abs() < 1e-9 && (of_first.way - 0.006).abs() < 1e-9);
-    assert!((of_first.time - 0.994).abs() < 1e-9);
+    assert_eq!(of_first.n, 149);
+    assert!((of_first.longest - 0.04).abs() < 1e-9, "{of_first:?}");
+    assert!((of_first.way - 0.15).abs() < 2e-3, "{of_first:?}"); // from the first mean of a value to its last
+    assert!((of_first.time - 11.84).abs() < 1e-9, "{of_first:?}");
+}
+
+/// Friction changes its sign with every sample where a joint stands, and then the torque moves.
+#[test]
+fn noise_of_the_model_goes_no_way() {
+    let mut channels = watch().channels;
+    let way = |channels: &super::frozen::Channels| channels.repeats().next().unwrap().way;
+    for k in 0..400 {
+        let chatter = if k % 2 == 0 { 1.0 } else { -1.0 };
+        channels.take(&[2.0; 2], &[chatter, 0.0], 0.001, true);
+    }
+    assert!(way(&channels) < 1e-9, "{}", way(&channels));
+    for _ in 0..400 {
+        channels.take(&[2.0; 2], &[3.0, 0.0], 0.001, true);
+    }
+    assert!((way(&channels) - 3.0).abs() < 1e-9, "{}", way(&channels));
 }
 
 /// What is remembered is recalled bit by bit, whatever the watch was about.
