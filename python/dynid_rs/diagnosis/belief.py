@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -162,10 +163,13 @@ class Belief:
         first = plan.friction[1].start - 1 - max(column for places in columns for _, column in places)
         return [[(j, plan.n_base + j * plan.n_own + first + column) for j, column in places] for places in columns]
 
-    def columns_of(self, found: Collection[Place]) -> list[tuple[int, int]]:
-        """Joint and place among the fit's unknowns of every coefficient of torques at places that were `found`."""
-        own = zip(self.setup.effects, self.places(), strict=True)
-        return [column for effect, columns in own if (effect.kind, effect.joints) in found for column in columns]
+    def without(self, found: Collection[Place]) -> tuple[Setup, ThreeLoopIdentifier]:
+        """Setup with torques at places that were `found` silent, and its fit, whose unknowns have the same places."""
+        effects = [replace(e, silent=e.joints) if (e.kind, e.joints) in found else e for e in self.setup.effects]
+        without = copy(self)
+        without.setup = replace(self.setup, effects=tuple(effects))
+        without.named = {place: named for place, named in self.named.items() if place not in found}
+        return without.setup, without._refitted()
 
     def hold(self, held: Sequence[HeldEffect]) -> None:
         """Put torques that were fitted at full rate into the setup, and fit everything again."""
@@ -254,10 +258,14 @@ class Belief:
         self.refit(friction)
 
     def is_likelier_than(self, kept: Kept) -> bool:
-        """Whether the data are more probable than they were, samples worth what they were then."""
-        worth = kept.fit.links_.posterior_
-        assert worth is not None  # every fit that is diagnosed has the weak prior
-        before, now = (shaped_evidence(fit, worth.n_effective) for fit in (kept.fit, self.fit))
+        """Whether the data are more probable than they were.
+
+        Samples are worth what they are in the better model (`Beside.evidence_for`): what was large and missing
+        remembers itself, and a hundredth of the noise would be no gain.
+        """
+        posteriors = [fit.links_.posterior_ for fit in (kept.fit, self.fit)]
+        worth = np.max([posterior.n_effective for posterior in posteriors if posterior is not None], axis=0)
+        before, now = (shaped_evidence(fit, worth) for fit in (kept.fit, self.fit))
         return now > before
 
     def refit(self, friction: tuple[FloatArray, FloatArray] | None = None) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -120,7 +119,9 @@ class _Errors:
         self.model = posterior.model(self._plan, observations.joint_rows())
         self.test = self._test_rows(test) if test else None
         self.places = dict(zip(found.setup.effects, found.places(), strict=True))
-        self.fit = self._fitted(self.model)
+        self.fit = self.model.fit(posterior.choice, posterior.noise_std)
+        if fit.links_.known is not None:
+            self.fit = self.fit.given(fit.links_.known)
         self.x = _told(self.model, self.fit)
         self._left_after = None if self.test is None else _left(self.test, self.x)
 
@@ -142,16 +143,10 @@ class _Errors:
         return said
 
     def _solved(self, model: LinearModel) -> FloatArray:
-        return _told(model, self._fitted(model))
-
-    def _fitted(self, model: LinearModel) -> Fit:
-        """The fit of a model, whose links are told by what says something of them, as in the one that is reported."""
-        choice, noise = self._posterior.choice, self._posterior.noise_std
-        fit, unlinked = model.fit(choice, noise), self._found.fit.links_.unlinked
-        if not unlinked:
-            return fit
-        linked = replace(model.without(unlinked), n_effective=self._posterior.n_linked)
-        return fit.beside_links(linked.fit(choice, noise).x[: self._plan.n_base])
+        """Unknowns of another model, beside those that are known."""
+        fit = model.fit(self._posterior.choice, self._posterior.noise_std)
+        known = self._found.fit.links_.known
+        return _told(model, fit if known is None else fit.given(known))
 
     def _test_rows(self, test: Sequence[Recording]) -> LinearModel:
         fit = self._found.fit

@@ -33,7 +33,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.signs import with_signs
 from dynid_rs.diagnosis.unexplained import stood_in, unexplained_entries
-from dynid_rs.diagnosis.weighing import weighed_as
+from dynid_rs.diagnosis.weighing import last_fit
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import check_motion
 from dynid_rs.reference import compare
@@ -146,7 +146,7 @@ def _traced(
         settled = False
         while not settled:  # each time a joint more is silent
             found.setup = with_signs(found)
-            found.fit = weighed_as(fit, found.fit, found.setup, train, found.columns_of(no_law))
+            found.fit = last_fit(found, no_law)
             settled = with_signs(found).effects == found.setup.effects
         found.catalogue = Catalogue(found.fit, found.catalogue)
     names = setup.robot.joint_names

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.estimator import clone
-from dynid_rs.diagnosis.belief import fitted
+from dynid_rs.diagnosis.belief import Belief, fitted
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.standing import harms
 from dynid_rs.diagnosis.trials import blocks, is_alone, whole_runs
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.evidence import Posterior
+from dynid_rs.regression.linear_model import Known
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -27,12 +29,31 @@ N_ELSEWHERE = 600
 """States at which joints' torques stay: ten for each of the numbers of six links."""
 
 
+def last_fit(found: Belief, no_law: Collection[Place]) -> ThreeLoopIdentifier:
+    """Fit of what is believed, in which torques at places that are `no_law` say nothing of the links.
+
+    What has no name predicts what is left of its own joints. What it has in common with gravity it has on these runs
+    only, so that the links, and all other joints, are those of the fit without it.
+    """
+    setup, train = found.setup, found.train
+    nameless = [effect for effect in setup.effects if (effect.kind, effect.joints) in no_law]
+    if not nameless:
+        return weighed_as(found.first, found.fit, setup, train)
+    without, fit = found.without(no_law)
+    fit = weighed_as(found.first, fit, without, train)
+    plan, places = fit.observations_.plan, np.arange(len(fit.links_.x_))
+    of_their_joints = np.isin((places - plan.n_base) // plan.n_own, [j for effect in nameless for j in effect.joints])
+    at = places[plan.estimable() & ~of_their_joints]
+    known = Known(fit.links_.x_[at], at, fit.links_.torque_scale_)
+    links = setup.options.get("links") or LinkDynamicsIdentifier()
+    return fitted(setup, train, friction=_shapes(found.fit), links=clone(links).set_params(known=known))
+
+
 def weighed_as(
     declared: ThreeLoopIdentifier,
     fit: ThreeLoopIdentifier,
     setup: Setup,
     train: Sequence[Recording],
-    unlinked: Sequence[tuple[int, int]] = (),
 ) -> ThreeLoopIdentifier:
     """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
 
@@ -45,13 +66,9 @@ def weighed_as(
     A name that is right makes rows that precise: where whole runs that were left out are predicted worse at these
     weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. Runs of
     one motion cannot say so, for what is feared is harm elsewhere.
-
-    `unlinked`: columns (joint, place among the fit's unknowns) of torques without a name. They predict what is left
-    beside the links and say nothing of them: what such a torque has in common with gravity it has on these runs only.
     """
-    links = clone(setup.options.get("links") or LinkDynamicsIdentifier()).set_params(unlinked=unlinked)
-    friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
-    again = partial(fitted, setup, train, friction=friction)
+    links = setup.options.get("links") or LinkDynamicsIdentifier()
+    again = partial(fitted, setup, train, friction=_shapes(fit))
     weighed = _at_a_prior_that_harms_nobody(declared, fit, again, clone(links))
     phase, lengths = _shown(fit)
     if is_alone(phase, lengths) or not _does_harm(fit, weighed, [whole_runs(phase, lengths)]):
@@ -90,6 +107,11 @@ def _elsewhere(fit: ThreeLoopIdentifier) -> FloatArray:
     rates = [rng.normal(size=size) * x.std(axis=0) for x in (dq, ddq)]
     columns: FloatArray = fit.robot.joint_torque_regressor(angles, *rates)
     return columns
+
+
+def _shapes(fit: ThreeLoopIdentifier) -> SmoothFrictionIdentifier:
+    """Friction whose shapes stay as they are."""
+    return SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
 
 
 def _posterior(fit: ThreeLoopIdentifier) -> Posterior:

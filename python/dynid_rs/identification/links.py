@@ -14,7 +14,7 @@ from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.fitted import Weighting
-from dynid_rs.regression.linear_model import Choice
+from dynid_rs.regression.linear_model import Choice, Known
 from dynid_rs.regression.scales import free_scales, improve_scale
 from dynid_rs.regression.systems import residual_covariance, residual_power, solve, stack, whitened
 
@@ -65,8 +65,8 @@ class LinkDynamicsIdentifier(Estimator):
         leaves the others' torques there as they are.
     believed : Choice, optional
         How far the prior is believed, instead of what the evidence chooses.
-    unlinked : sequence of (int, int)
-        Under a prior, columns (joint, place among all unknowns) that say nothing of the links.
+    known : Known, optional
+        Unknowns that are known already, under a prior: all others are fitted beside them.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class LinkDynamicsIdentifier(Estimator):
         least_noise: FloatArray | None = None,
         elsewhere: FloatArray | None = None,
         believed: Choice | None = None,
-        unlinked: Sequence[tuple[int, int]] = (),
+        known: Known | None = None,
     ) -> None:
         self.weighting = weighting
         self.prior = prior
@@ -115,7 +115,7 @@ class LinkDynamicsIdentifier(Estimator):
         self.least_noise = least_noise
         self.elsewhere = elsewhere
         self.believed = believed
-        self.unlinked = unlinked
+        self.known = known
 
     def fit(
         self,
@@ -221,7 +221,7 @@ class LinkDynamicsIdentifier(Estimator):
             least_noise=self.least_noise,
             elsewhere=self.elsewhere,
             believed=self.believed,
-            unlinked=self.unlinked,
+            known=self.known,
         )
 
     def use_posterior(

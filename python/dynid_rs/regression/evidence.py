@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory, returning
 from dynid_rs.regression.columns import Observations, Plan
-from dynid_rs.regression.linear_model import Choice, Fit, LinearModel, fits
+from dynid_rs.regression.linear_model import Choice, Fit, Known, LinearModel, fits
 from dynid_rs.regression.priors import WeakPrior, declares_inertia, weak_prior
 from dynid_rs.regression.scales import SCALE_SPREAD, in_reach
 from dynid_rs.regression.systems import block_residuals
@@ -73,8 +73,6 @@ class Posterior:
         Its rows ``[A | b]``.
     converged : bool
         Whether width and centre were the same in the last two rounds.
-    n_linked : ndarray (n_joints,)
-        Independent samples that the rows are worth where columns that say nothing of the links are left out.
     """
 
     x: FloatArray
@@ -89,7 +87,6 @@ class Posterior:
     pull: FloatArray
     n_rounds: int
     converged: bool
-    n_linked: FloatArray
 
     def model(
         self,
@@ -124,7 +121,7 @@ def fit_with_prior(
     least_noise: FloatArray | None = None,
     elsewhere: FloatArray | None = None,
     believed: Choice | None = None,
-    unlinked: Sequence[tuple[int, int]] = (),
+    known: Known | None = None,
 ) -> Posterior:
     """Fit all unknowns under the weak prior.
 
@@ -148,15 +145,17 @@ def fit_with_prior(
         Columns of the links at states that no run has shown, for `least_noise`: joints' torques stay there too.
     believed : Choice, optional
         Width, centre and size of bends of the prior, instead of those that the evidence chooses.
-    unlinked : sequence of (int, int)
-        Columns, by joint and place among all unknowns, that say nothing of the links, which are as without them.
+    known : Known, optional
+        Unknowns that are known, and the gains: all others are fitted beside them.
     """
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
     n = plan.robot.n_joints
     size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
     least = LEAST_NOISE * size if least_noise is None else np.maximum(least_noise, LEAST_NOISE * size)
-    known = np.ones(n) if free is None or not free.any() else scale
-    prior = weak_prior(plan, factors, n_rows, held.scale if held is not None else known)
+    if known is not None:
+        free, scale = None, known.scale
+    gains = np.ones(n) if known is None and (free is None or not free.any()) else scale
+    prior = weak_prior(plan, factors, n_rows, held.scale if held is not None else gains)
     widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
     choice = Choice() if believed is None else believed
     scale = np.ones(n) if scale is None else scale
@@ -185,7 +184,7 @@ def fit_with_prior(
                 ways = _in_common(best, plan.n_base, prior, scale, free, 0.1 * size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
                 apart = end.evidence > best.evidence  # else nothing is to be found there next time
-                if unlinked:
+                if apart:
                     best, prior, scale = end, own, gains
         noise = best.noise
         chosen.append(choice)
@@ -194,20 +193,14 @@ def fit_with_prior(
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
 
-    def ended(model: LinearModel) -> Fit:
-        end = model.fit(choice, noise)
-        if least_noise is None:
-            return end
+    end = model.fit(choice, noise)
+    if known is not None:
+        end = end.given(known)
+    elif least_noise is not None:
         model = replace(model, least_noise=LEAST_NOISE * size)
-        own = model.fit(choice, noise).noise
+        noise = model.fit(choice, noise).noise
         unseen = [] if elsewhere is None else _elsewhere(plan, model, elsewhere * scale[:, None])
-        return _kept_at(model, end, own, unseen).at(choice, own)
-
-    end, n_linked = ended(model), n_effective
-    if unlinked:
-        alone = model.without(unlinked)
-        n_linked = np.minimum(n_effective, _worth(observations, alone.fit(choice, noise).x, scale))
-        end = end.beside_links(ended(replace(alone, n_effective=n_linked)).x[: plan.n_base])
+        end = _kept_at(model, end, noise, unseen).at(choice, noise)
     pull = prior.rows(choice)[0]
     n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
     return Posterior(
@@ -223,7 +216,6 @@ def fit_with_prior(
         pull,
         len(chosen),
         len(set(chosen[-2:])) == 1,
-        n_linked,
     )
 
 

@@ -156,7 +156,8 @@ def observed(
             missing.append(k)
         elif parts[k] is None:
             part = parts[k] = [np.zeros((len(states.rows), effects[k].n_columns))] * n
-            for j, rows in zip(joints, _effect_rows(effects[k], states, joints), strict=True):
+            found = _effect_rows(effects[k], states, joints) if joints else []
+            for j, rows in zip(joints, found, strict=True):
                 part[j] = rows
             columns.put(keys[k], part)
     new = _observe(robot, [effects[k] for k in missing], pivots if links is None else [], states, tau)

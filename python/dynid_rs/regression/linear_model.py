@@ -54,6 +54,14 @@ class Choice(NamedTuple):
     bends: float = 0.05
 
 
+class Known(NamedTuple):
+    """Unknowns that are known: `x` (n,) at `places` (n,), and the gains `scale` (n_joints,) that they go with."""
+
+    x: FloatArray
+    places: NDArray[np.intp]
+    scale: FloatArray
+
+
 class Prior(Protocol):
     """What is known of the unknowns beforehand; hashable."""
 
@@ -92,14 +100,15 @@ class Fit:
         """What the fit leaves of every joint, (n_rows,) each."""
         return [self.left(j) for j in range(len(self.noise))]
 
-    def beside_links(self, links: FloatArray) -> Fit:
-        """All other unknowns as they are most probable where the first are known, `links` (n_links,).
+    def given(self, known: Known) -> Fit:
+        """All other unknowns as they are most probable beside those that are known.
 
-        ``x_o + S_ol S_ll^-1 (l - x_l)``: the mean of a normal given a part of it, S its covariance.
+        ``x_o + S_ok S_kk^-1 (k - x_k)``: the mean of a normal given a part of it, S its covariance.
         """
-        n = len(links)
-        moved = np.linalg.solve(self.covariance[:n, :n], links - self.x[:n])
-        return replace(self, x=np.concatenate([links, self.x[n:] + self.covariance[n:, :n] @ moved]))
+        at, S = known.places, self.covariance
+        x = self.x + S[:, at] @ np.linalg.solve(S[np.ix_(at, at)], known.x - self.x[at])
+        x[at] = known.x
+        return replace(self, x=x)
 
     def left(self, j: int) -> FloatArray:
         """What the fit leaves of joint j, (n_rows,)."""
