@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from dynid_rs.regression.linear_model import AT_ONCE, Choice, LinearModel, sign_cost
+from dynid_rs.regression.linear_model import AT_ONCE, Choice, Known, LinearModel, sign_cost
 
 N, JOINTS, UNKNOWNS = 30, 2, 6
 FREE = (-np.inf, np.inf)
@@ -112,10 +112,11 @@ def test_where_some_unknowns_are_known_the_others_are_those_of_least_squares_bes
     across, _ = model.prior.rows(choice)
     A = np.concatenate([*(dense / NOISE[:, None, None]), across[:, :-1]])
     b = np.concatenate([*(y / NOISE[:, None]), across[:, -1]])
-    known = np.array([0.4, -1.2])
-    beside = held(model).fit(choice, NOISE).beside_links(known)
-    assert_array_equal(beside.x[:2], known)
-    assert_allclose(beside.x[2:], np.linalg.lstsq(A[:, 2:], b - A[:, :2] @ known, rcond=None)[0], rtol=1e-8)
+    known = Known(np.array([0.4, -1.2]), np.array([0, 3]), np.ones(JOINTS))
+    beside, others = held(model).fit(choice, NOISE).given(known), [1, 2, 4, 5]
+    assert_array_equal(beside.x[known.places], known.x)
+    left = b - A[:, known.places] @ known.x
+    assert_allclose(beside.x[others], np.linalg.lstsq(A[:, others], left, rcond=None)[0], rtol=1e-8)
     assert_allclose(beside.left(0), y[0] - dense[0] @ beside.x, atol=1e-10)
 
 
