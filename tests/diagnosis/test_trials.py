@@ -16,7 +16,16 @@ from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.shapes import polished
-from dynid_rs.diagnosis.trials import blocks, evidence, is_alone, is_stable, whole_runs, worse
+from dynid_rs.diagnosis.trials import (
+    N_SMALL,
+    blocks,
+    evidence,
+    is_alone,
+    is_stable,
+    shows_everywhere,
+    whole_runs,
+    worse,
+)
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.linear_model import Score
 
@@ -95,6 +104,29 @@ def test_worse_is_worse_than_one_chance_in_six():
     rng = np.random.default_rng(0)
     for n_parts in (2, 3, 8):
         assert abs(np.mean(worse(rng.normal(size=(n_parts, 20_000)))) - 0.16) < 0.01
+
+
+def predicting(lost):
+    """A model that loses so much in parts, (n_parts, n_joints)."""
+    best = SimpleNamespace(weights=np.ones(lost.shape[1]))
+    return SimpleNamespace(best=best, model=SimpleNamespace(left_out=lambda fit, parts: lost))
+
+
+def test_a_name_shows_in_small_parts_everywhere_and_not_in_a_few():
+    without = predicting(np.ones((N_SMALL, 2)))
+    noise = 0.1 * np.random.default_rng(2).normal(size=(N_SMALL, 2))
+    everywhere = predicting(0.9 + noise)
+    places = predicting(1.0 - 5.0 * np.isin(np.arange(N_SMALL), [3, 20])[:, None] + noise)
+    one_joint = predicting(np.array([0.8, 1.2]) + noise)
+    assert shows_everywhere(without, everywhere, [0, 1], [])
+    assert not shows_everywhere(without, places, [0, 1], [])
+    assert [shows_everywhere(without, one_joint, [j], []) for j in (0, 1)] == [True, False]
+
+
+def test_of_names_that_are_none_one_in_twenty_shows():
+    rng, without = np.random.default_rng(3), predicting(np.ones((N_SMALL, 1)))
+    tries = [predicting(1.0 + rng.normal(size=(N_SMALL, 1))) for _ in range(2000)]
+    assert 0.03 < np.mean([shows_everywhere(without, name, [0], []) for name in tries]) < 0.07
 
 
 def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():

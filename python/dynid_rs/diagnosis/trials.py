@@ -22,6 +22,8 @@ IntArray = NDArray[np.int64]
 
 N_BLOCKS = 8
 """Parts of the motion, each with its returns: left out one by one, and halved."""
+N_SMALL = 32
+"""Parts in which a name has to show: of about a second, as long as a move is."""
 N_HALVES, FIRST_IN = 16, 11
 """Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
 one of ten."""
@@ -144,14 +146,14 @@ def _motions(phase: IntArray, lengths: Sequence[int]) -> IntArray:
     return of_run
 
 
-def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:
-    """Whether what is lost in parts (n_parts, ...) is more than chance: one in six, by Student's t over the parts.
+def worse(lost: FloatArray, n_tests: int = 1, *, chance: float = CHANCE) -> FloatArray:
+    """Whether what is lost in parts (n_parts, ...) is more than chance, by Student's t over the parts.
 
     That of `n_tests` together, where one of them is enough (Bonferroni).
     """
     from scipy.special import stdtrit
 
-    need = -float(stdtrit(len(lost) - 1, CHANCE / n_tests))
+    need = -float(stdtrit(len(lost) - 1, chance / n_tests))
     clearly: FloatArray = lost.sum(axis=0) > need * np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
     return clearly
 
@@ -182,6 +184,18 @@ def helps(
     left, lost = with_it.sum(axis=0), without.sum(axis=0)
     gain = 1 - np.sqrt(left / np.maximum(lost, 1e-300))
     return bool(gain.max() > LEAST_GAIN)
+
+
+def shows_everywhere(before: Beside, after: Beside, joints: Sequence[int], parts: Sequence[BoolArray]) -> bool:
+    """Whether small parts that were left out are predicted better on these joints, by more than chance.
+
+    The evidence takes what is left for a noise of one strength. Where torque jumps between two samples, or friction
+    turns round, it is no such noise, and a few such places may ask for a name that is of no use at all others. Chance
+    is what a name's odds leave: one in twenty.
+    """
+    own, chance = list(joints), 1 / (1 + np.exp(SURE))
+    lost = (after.model.left_out(after.best, parts) - before.model.left_out(before.best, parts))[:, own]
+    return bool(worse(-lost @ after.best.weights[own] ** 2, chance=chance))
 
 
 def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
