@@ -146,7 +146,7 @@ def _traced(
         settled = False
         while not settled:  # each time a joint more is silent
             found.setup = with_signs(found)
-            found.fit = last_fit(found, no_law)
+            found.fit = last_fit(found, without_name.keys())
             settled = with_signs(found).effects == found.setup.effects
         found.catalogue = Catalogue(found.fit, found.catalogue)
     names = setup.robot.joint_names
