@@ -146,14 +146,14 @@ def _motions(phase: IntArray, lengths: Sequence[int]) -> IntArray:
     return of_run
 
 
-def worse(lost: FloatArray, n_tests: int = 1, *, chance: float = CHANCE) -> FloatArray:
-    """Whether what is lost in parts (n_parts, ...) is more than chance, by Student's t over the parts.
+def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:
+    """Whether what is lost in parts (n_parts, ...) is more than chance: one in six, by Student's t over the parts.
 
     That of `n_tests` together, where one of them is enough (Bonferroni).
     """
     from scipy.special import stdtrit
 
-    need = -float(stdtrit(len(lost) - 1, chance / n_tests))
+    need = -float(stdtrit(len(lost) - 1, CHANCE / n_tests))
     clearly: FloatArray = lost.sum(axis=0) > need * np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
     return clearly
 
@@ -187,15 +187,19 @@ def helps(
 
 
 def shows_everywhere(before: Beside, after: Beside, joints: Sequence[int], parts: Sequence[BoolArray]) -> bool:
-    """Whether small parts that were left out are predicted better on these joints, by more than chance.
+    """Whether small parts that were left out are predicted better on these joints, by Wilcoxon's signed ranks.
 
     The evidence takes what is left for a noise of one strength. Where torque jumps between two samples, or friction
-    turns round, it is no such noise, and a few such places may ask for a name that is of no use at all others. Chance
-    is what a name's odds leave: one in twenty.
+    turns round, it is no such noise, and a few such places may ask for a name that is of no use at all others: ranks
+    let few parts count as few, however much they gain or lose. More than chance of one in six is asked for, no more: of
+    a right name beside much that is not yet explained hardly more parts gain than lose.
     """
-    own, chance = list(joints), 1 / (1 + np.exp(SURE))
+    from scipy.stats import wilcoxon
+
+    own = list(joints)
     lost = (after.model.left_out(after.best, parts) - before.model.left_out(before.best, parts))[:, own]
-    return bool(worse(-lost @ after.best.weights[own] ** 2, chance=chance))
+    gain = -lost @ after.best.weights[own] ** 2
+    return bool(np.any(gain) and wilcoxon(gain, alternative="greater").pvalue < CHANCE)
 
 
 def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
