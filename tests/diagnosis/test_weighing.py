@@ -129,3 +129,12 @@ def test_a_torque_without_a_name_predicts_what_the_links_leave(declared):
     """Without its angle gravity has nothing in common with it: the same as if it had a name."""
     (linked, alone), _ = last_fits(declared, joint=4, cycles=7.0)
     np.testing.assert_allclose(alone.noise_std_, linked.noise_std_, rtol=0.05)
+
+
+def test_where_nothing_is_left_of_what_was_named_the_first_fit_stays(declared):
+    setup, train, _, fit = declared
+    belief = Belief.in_declared(setup, train, fit)
+    belief.fit = copy(fit)
+    assert last_fit(belief, set()) is fit
+    belief.setup = replace(setup, torque_delay=0.002)
+    assert last_fit(belief, set()) is not fit

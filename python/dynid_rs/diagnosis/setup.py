@@ -70,6 +70,17 @@ class Setup:
         """How late the torque channel of each joint is [s], (n_joints,)."""
         return self.torque_delay + self.own_delay
 
+    def is_like(self, other: Setup) -> bool:
+        """Whether a fit of one is a fit of the other, to the same runs with the same options."""
+        same = (self.robot, self.effects, self.held, self.gain_joints) == (
+            other.robot,
+            other.effects,
+            other.held,
+            other.gain_joints,
+        )
+        arrays = [(self.encoder_error, other.encoder_error), (self.delays, other.delays)]
+        return same and all(np.array_equal(one, two) for one, two in arrays)
+
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
         parts = {

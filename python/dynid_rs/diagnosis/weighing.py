@@ -32,10 +32,14 @@ N_ELSEWHERE = 600
 def last_fit(found: Belief, no_law: Collection[Place]) -> ThreeLoopIdentifier:
     """Fit of what is believed, in which torques at places that are `no_law` say nothing of the links.
 
+    Where nothing is left of what was named, that is the fit at the beginning.
+
     What has no name predicts what is left of its own joints. What it has in common with gravity it has on these runs
     only, so that the links, and all other joints, are those of the fit without it.
     """
     setup, train = found.setup, found.train
+    if setup.is_like(found.declared):  # all that was named is gone again
+        return found.first
     nameless = [effect for effect in setup.effects if (effect.kind, effect.joints) in no_law]
     if not nameless:
         return weighed_as(found.first, found.fit, setup, train)
