@@ -19,12 +19,14 @@ OF_TIME = {"step", "temperature"}
 
 def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
     """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
-    phase = np.arange(len(belief.phase)) if _changes_in_time(tried.hypothesis) else belief.phase
+    at_times = _changes_in_time(tried.hypothesis)
+    phase = np.arange(len(belief.phase)) if at_times else belief.phase
     parts, runs = blocks(phase), whole_runs(phase, belief.run_lengths)
     after = beside.with_columns(tried.columns)
     return (
         helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
-        and shows_everywhere(beside, after, belief.reach(tried.hypothesis), blocks(phase, N_SMALL))
+        # What changes in time does so once, where it begins.
+        and (at_times or shows_everywhere(beside, after, belief.reach(tried.hypothesis), blocks(phase, N_SMALL)))
         # Either of two ties may come first in a half; which it is stays open.
         and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
         # What tells the same with more right, and does not hold, makes the next best no more likely.
