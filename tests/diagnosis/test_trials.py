@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.diagnosed import ROBOT, measured, recorded, rigid
+from scipy.stats import wilcoxon
 
 from dynid_rs.diagnosis import beside, holding
 from dynid_rs.diagnosis.belief import Belief
@@ -19,6 +20,7 @@ from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import (
     N_SMALL,
     blocks,
+    chance_of,
     evidence,
     is_alone,
     is_stable,
@@ -124,6 +126,15 @@ def test_a_name_shows_in_small_parts_everywhere_and_not_in_a_few():
     assert not shows_everywhere(without, without, [0, 1], [])
     assert not shows_everywhere(without, places, [0, 1], [])
     assert [shows_everywhere(without, one_joint, [j], []) for j in (0, 1)] == [True, False]
+
+
+def test_the_chance_of_gains_is_that_of_their_signed_ranks():
+    rng = np.random.default_rng(4)
+    for mean in (-1.0, 0.0, 0.5, 2.0):
+        gain = rng.standard_t(2, N_SMALL) + mean
+        told = wilcoxon(gain, alternative="greater", method="asymptotic", correction=False)
+        assert chance_of(gain) == pytest.approx(told.pvalue)
+    assert chance_of(np.zeros(N_SMALL)) == 0.5
 
 
 def test_of_names_that_are_none_one_in_six_shows():

@@ -157,7 +157,7 @@ REACHED: dict[str, Reached] = {
     "xmate3": Reached((0.525, 0.043, 0.141, 0.024, 0.203, 0.185, 0.233), 2, 1.03, 1.30),
     "xmate7": Reached((0.085, 0.014, 0.034, 0.021, 0.153, 0.089, 0.149), 8, 0.99, 0.84),
     "xmate7-slow": Reached((0.963, 0.096, 0.267, 0.097, 0.256, 0.182, 0.253), 8, 1.05, 0.99),
-    "ur10e": Reached((0.029, 0.009, 0.015, 0.029, 0.043, 0.039), 10, 0.99, 0.76),
+    "ur10e": Reached((0.025, 0.009, 0.015, 0.029, 0.043, 0.039), 11, 0.99, 0.76),
 }
 """What each set reaches today; the limits stand beside its runs above. A set without figures is held to its limits."""
 

@@ -203,8 +203,8 @@ def shows_everywhere(before: Beside, after: Beside, joints: Sequence[int], parts
 def chance_of(gain: FloatArray) -> float:
     """Chance of such gains (n_parts,) or greater ones if none were to be expected, by Wilcoxon's signed ranks.
 
-    Their sum over the gains that are positive is nearly normal for twenty and more. (`scipy.stats.wilcoxon` is the same,
-    and brings 18 MB along.)
+    Their sum over the gains that are positive is nearly normal for twenty and more. (`scipy.stats.wilcoxon` is the
+    same, and brings 18 MB along.)
     """
     from scipy.special import ndtr
 
