@@ -60,7 +60,9 @@ struct Going {
 impl Going {
     /// Takes a sample; the mean that it completes, and whether that is of one value.
     fn take(&mut self, torque: f64, moved: f64) -> Option<(f64, bool)> {
-        (self.sum, self.n, self.time) = (self.sum + torque, self.n + 1, self.time + moved);
+        self.sum += torque;
+        self.n = self.n.saturating_add(1);
+        self.time += moved;
         if self.time < MEAN {
             return None;
         }
