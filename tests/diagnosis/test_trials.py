@@ -118,7 +118,7 @@ def test_a_name_shows_in_small_parts_everywhere_and_not_in_a_few():
     without = predicting(np.ones((N_SMALL, 2)))
     noise = 0.1 * np.random.default_rng(2).normal(size=(N_SMALL, 2))
     everywhere = predicting(0.9 + noise)
-    unevenly = predicting(1.0 - np.geomspace(0.01, 100.0, N_SMALL)[:, None] + 0.0 * noise)
+    unevenly = predicting(1.0 - np.geomspace(0.01, 100.0, N_SMALL)[:, None] * np.ones(2))
     places = predicting(1.0 - 5.0 * np.isin(np.arange(N_SMALL), [3, 20])[:, None] + noise)
     one_joint = predicting(np.array([0.8, 1.2]) + noise)
     assert shows_everywhere(without, everywhere, [0, 1], [])

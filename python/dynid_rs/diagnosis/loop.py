@@ -140,13 +140,12 @@ def _traced(
     contests = weigh_rivals(found)
     left_open = open_questions(found, contests)
     without_name = nameless(found, contests)
-    no_law = {*without_name, *unsettled(found)}
-    found.setup = ended(found.setup, no_law, found.fit.model_.domain[0])
+    found.setup = ended(found.setup, {*without_name, *unsettled(found)}, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         settled = False
         while not settled:  # each time a joint more is silent
             found.setup = with_signs(found)
-            found.fit = last_fit(found, without_name.keys())
+            found.fit = last_fit(found, without_name)
             settled = with_signs(found).effects == found.setup.effects
         found.catalogue = Catalogue(found.fit, found.catalogue)
     names = setup.robot.joint_names

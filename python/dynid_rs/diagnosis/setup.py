@@ -72,14 +72,9 @@ class Setup:
 
     def is_like(self, other: Setup) -> bool:
         """Whether a fit of one is a fit of the other, to the same runs with the same options."""
-        same = (self.robot, self.effects, self.held, self.gain_joints) == (
-            other.robot,
-            other.effects,
-            other.held,
-            other.gain_joints,
-        )
+        one, two = ((setup.robot, setup.effects, setup.held, setup.gain_joints) for setup in (self, other))
         arrays = [(self.encoder_error, other.encoder_error), (self.delays, other.delays)]
-        return same and all(np.array_equal(one, two) for one, two in arrays)
+        return one == two and all(np.array_equal(own, its) for own, its in arrays)
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""

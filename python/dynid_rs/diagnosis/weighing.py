@@ -29,21 +29,20 @@ N_ELSEWHERE = 600
 """States at which joints' torques stay: ten for each of the numbers of six links."""
 
 
-def last_fit(found: Belief, no_law: Collection[Place]) -> ThreeLoopIdentifier:
-    """Fit of what is believed, in which torques at places that are `no_law` say nothing of the links.
-
-    Where nothing is left of what was named, that is the fit at the beginning.
+def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentifier:
+    """Fit of what is believed, in which torques at places `without_name` say nothing of the links.
 
     What has no name predicts what is left of its own joints. What it has in common with gravity it has on these runs
-    only, so that the links, and all other joints, are those of the fit without it.
+    only, so that the links, and all other joints, are those of the fit without it. Where nothing is left of what was
+    named, the fit is that at the beginning.
     """
     setup, train = found.setup, found.train
-    if setup.is_like(found.declared):  # all that was named is gone again
+    if setup.is_like(found.declared):
         return found.first
-    nameless = [effect for effect in setup.effects if (effect.kind, effect.joints) in no_law]
+    nameless = [effect for effect in setup.effects if (effect.kind, effect.joints) in without_name]
     if not nameless:
         return weighed_as(found.first, found.fit, setup, train)
-    without, fit = found.without(no_law)
+    without, fit = found.without(without_name)
     fit = weighed_as(found.first, fit, without, train)
     plan, places = fit.observations_.plan, np.arange(len(fit.links_.x_))
     of_their_joints = np.isin((places - plan.n_base) // plan.n_own, [j for effect in nameless for j in effect.joints])
@@ -54,10 +53,7 @@ def last_fit(found: Belief, no_law: Collection[Place]) -> ThreeLoopIdentifier:
 
 
 def weighed_as(
-    declared: ThreeLoopIdentifier,
-    fit: ThreeLoopIdentifier,
-    setup: Setup,
-    train: Sequence[Recording],
+    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
 ) -> ThreeLoopIdentifier:
     """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
 
