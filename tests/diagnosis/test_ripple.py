@@ -10,7 +10,7 @@ from helpers.diagnosed import ROBOT, found_in, measured, rigid
 from helpers.small_arm import JOINTS
 from scipy.signal import butter, filtfilt
 
-from dynid_rs.diagnosis.ripple import PARTS, Line, _family, _in_parts, find_ripple, ripple_entries
+from dynid_rs.diagnosis.ripple import PARTS, Line, _family, _in_parts, find_ripple, measured_beside, ripple_entries
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.assembly import evaluate
 
@@ -141,3 +141,33 @@ def test_a_line_s_error_is_that_of_the_background_a_short_way_from_it(way):
     family = _family(0, q, e, [Line(20.0, 50.0)])
     np.testing.assert_allclose(family.coefficients, [[0.5, 0.0]], atol=0.01)
     np.testing.assert_allclose(family.std, 0.1 * np.sqrt(2 / len(q)), rtol=0.6)
+
+
+def test_the_order_of_a_line_over_a_part_of_a_turn_is_not_where_the_spectrum_peaks():
+    """Four cycles: lines of the true order leave nothing, and the spectrum peaks a hundredth of it beside."""
+    q = 0.83 * np.sin(np.linspace(0.0, 40.0, 8_000)) - 0.3 * np.sin(np.linspace(0.0, 11.0, 8_000))
+    e = np.cos(10.3 * q + 1.1) + 0.4 * np.cos(20.6 * q)
+    grid = 10.3 + np.linspace(-1.0, 1.0, 401)
+    peak = grid[np.argmax(np.abs(np.exp(1j * np.outer(grid, q)) @ e))]
+    assert abs(peak - 10.3) > 0.1
+    family = _family(0, q, e, [Line(10.1, 50.0), Line(20.2, 50.0)])
+    np.testing.assert_allclose(family.orders, [10.3, 20.6], rtol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(family.coefficients, axis=1), [1.0, 0.4], rtol=1e-3)
+
+
+def test_what_the_fit_imitates_of_slow_cycles_is_the_line_s():
+    """Beside the family's own torque the fit gives back what it took of it; intervals of errors know nothing of it."""
+    runs = measured(duration=15.0, rate=250.0)
+    sizes, first, again = 2 * ARM.noise_std, [], []
+    for joint, order in ((0, 11.0), (1, 12.0), (2, 14.0)):
+        changed = with_line(runs, joint, order, sizes[joint])
+        setup = Setup(ROBOT)
+        alone = [family for family in families(changed)[1] if family.joint == joint]
+        assert len(alone) == 1
+        first.append(np.linalg.norm(alone[0].coefficients[0]) / sizes[joint])
+        held = replace(setup, held=tuple(alone[0].held()))
+        (beside,) = measured_beside(alone, held, held.identifier(residual=None).fit(changed), changed)
+        again.append(np.linalg.norm(beside.coefficients[0]) / sizes[joint])
+    off = [np.abs(np.array(ratios) - 1) for ratios in (first, again)]
+    assert off[0].max() > 0.03
+    assert np.all(off[1] < 0.6 * off[0])

@@ -172,8 +172,8 @@ class Belief:
         return without.setup, without._refitted()
 
     def hold(self, held: Sequence[HeldEffect]) -> None:
-        """Put torques that were fitted at full rate into the setup, and fit everything again."""
-        self.setup = replace(self.setup, held=(*self.setup.held, *held))
+        """Put torques that were fitted at full rate into the setup, besides the declared ones, and fit all again."""
+        self.setup = replace(self.setup, held=(*self.declared.held, *held))
         self.refit()
 
     def believe_mounting(self, odds: float) -> None:

@@ -26,7 +26,7 @@ from dynid_rs.diagnosis.misfit import ended, nameless, of_the_angle, unsettled
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
 from dynid_rs.diagnosis.outcome import Diagnosis
-from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
+from dynid_rs.diagnosis.ripple import find_ripple, measured_beside, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
@@ -129,6 +129,8 @@ def _traced(
     on_progress("ripple")
     lines = find_ripple(found.setup, found.fit, train)
     if lines:
+        found.hold([held for family in lines for held in family.held()])
+        lines = measured_beside(lines, found.setup, found.fit, train)
         found.hold([held for family in lines for held in family.held()])
         look(found, on_progress, once_more=True)  # for what the ripple has covered
     if odds:

@@ -10,7 +10,7 @@ the rule of the search: posterior odds of 19 to 1 over all orders of all joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,10 +88,33 @@ class Line:
 
 def find_ripple(setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]) -> list[Family]:
     """Lines of every turning joint in what `fit` leaves of the training runs at full rate, as families."""
+    n = setup.robot.n_joints
+    return [family for j, q, e in _left(setup, fit, train) for family in _families(j, q, e, n)]
+
+
+def measured_beside(
+    families: Sequence[Family], setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]
+) -> list[Family]:
+    """Measure families anew in what `fit`, which holds them, leaves: what a fit without them imitated is theirs."""
+    measured = []
+    for j, q, e in _left(setup, fit, train):
+        own = [family for family in families if family.joint == j]
+        if own:
+            torque = [_columns(q, family.orders.tolist()) @ family.coefficients.ravel() for family in own]
+            measured += [
+                _family(j, q, e + its, [Line(order, family.log_odds) for order in family.orders.tolist()])
+                for family, its in zip(own, torque, strict=True)
+            ]
+    return measured
+
+
+def _left(
+    setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]
+) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Every turning joint, its angle and what `fit` leaves of its torque while it moves, all runs after each other."""
     delay = setup.torque_delay
     residuals = [run.less_torque_delay(delay).tau - fit.predict(run, torque_delay=delay) for run in train]
     moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in train]
-    found = []
     for j, kind in enumerate(setup.robot.joint_kinds):
         if kind != "revolute":
             continue
@@ -102,8 +125,7 @@ def find_ripple(setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recordin
         q = np.concatenate([part[0] for part in parts])
         e = np.concatenate([part[1] - part[1].mean() for part in parts])
         if len(q) and np.ptp(q) > 0:
-            found += _families(j, q, e, setup.robot.n_joints)
-    return found
+            yield j, q, e
 
 
 def _angle(run: Recording) -> FloatArray:
@@ -155,19 +177,25 @@ def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Lin
     z = np.where(sought, power / np.maximum(background, 1e-300), 0.0)
     best = int(np.argmax(z))
     prior = float(np.log((ORDERS[1] - lowest) * turns * n_joints))
-    order = _refined(q, e, float(orders[best]), 1.0 / span)
+    order = _refined(q, e, float(orders[best]), 0.5 / turns)
     odds = min(float(z[best] - 1 - np.log(max(z[best], 1.0))), _in_parts(q, e, order)) - prior
     return Line(order, odds) if odds > SURE else None
 
 
-def _refined(q: FloatArray, e: FloatArray, order: float, step: float) -> float:
-    """The order near `order` at which the line is strongest."""
+def _refined(q: FloatArray, e: FloatArray, order: float, step: float, times: Sequence[int] = (1,)) -> float:
+    """The order near `order` at which lines of it and of its `times` take most off `e`.
+
+    Over a part of a turn the peak of the spectrum lies elsewhere: sine and cosine are not orthogonal there.
+    """
     from scipy.optimize import minimize_scalar
 
     thin = slice(None, None, max(1, len(q) // 20000))
+    angle, rest = q[thin], e[thin]
 
     def less(N: float) -> float:
-        return -float(np.abs(np.exp(1j * N * q[thin]) @ e[thin]))
+        columns = _columns(angle, [N * n for n in times])
+        moment = columns.T @ rest
+        return -float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=None)[0])
 
     return float(minimize_scalar(less, bounds=(order - step, order + step), method="bounded").x)
 
@@ -194,18 +222,23 @@ def _sizes(q: FloatArray, e: FloatArray, lines: Sequence[Line]) -> tuple[FloatAr
 
 
 def _family(joint: int, q: FloatArray, e: FloatArray, lines: Sequence[Line]) -> Family:
-    """Sizes of a family's lines with their errors from the residual's background at those orders."""
+    """Order and sizes of a family's lines with their errors from the residual's background beside those orders."""
+    turns = np.ptp(q) / (2 * np.pi)
+    times = [round(line.order / lines[0].order) for line in lines]
+    first = _refined(q, e, lines[0].order, 0.5 / turns / max(times), times)
+    lines = [Line(first * n, line.log_odds) for n, line in zip(times, lines, strict=True)]
     x, left = _sizes(q, e, lines)
     coefficients = x.reshape(-1, 2)
     orders = np.array([line.order for line in lines])
-    noise = []
+    noise, beside = [], np.linspace(1.0, 3.0, 12)  # cells; nearer ones were fitted
     for order in orders:
-        near = order + np.linspace(-3.0, 3.0, 24) / (np.ptp(q) / (2 * np.pi))
+        near = order + np.concatenate([-beside, beside]) / turns
         power = np.abs(np.exp(1j * np.outer(near, q)) @ left) ** 2
         noise.append(np.sqrt(2 * np.median(power) / np.log(2.0)) / len(q))
     std = np.array(noise)
-    size = np.maximum(np.linalg.norm(coefficients, axis=1), 1e-300)
-    order_std = std / size / max(float(q.std()), 1e-300)
+    size = np.linalg.norm(coefficients, axis=1)
+    turned = np.array(times) * max(float(q.std()), 1e-300)  # of the phase with the first order
+    order_std = np.array(times) / max(float(np.linalg.norm(size * turned / np.maximum(std, 1e-300))), 1e-300)
     columns = _columns(q, orders.tolist())
     # Every sample is seen in the means; single ones are far larger than the wave that they hold.
     drawn = binned(np.mod(q, 2 * np.pi / orders[0]), left + columns @ x, columns, x, np.diag(np.repeat(std**2, 2)))
