@@ -471,6 +471,26 @@ def test_python_says_what_commands_say(tmp_path):
     assert "torque_swapped" in [finding.code for finding in dyn.inspect(runs, robot)]
 
 
+def test_python_leaves_a_late_velocity_out_as_commands_do(tmp_path):
+    """Said once of a run, of each joint with how late it is; the fit is that of the run without."""
+
+    def late(columns):
+        for k in range(3):
+            dq = np.gradient(columns[f"q_{k}"], columns["t"])
+            columns[f"dq_{k}"] = np.concatenate([np.full(10, dq[0]), dq[:-10]])
+
+    robot = dyn.RobotModel.from_urdf(write_robot(tmp_path))
+    run = dyn.read_recording(written(tmp_path, late)[1])
+    fresh = dyn.ThreeLoopIdentifier(robot, residual=None)
+    with pytest.warns(dyn.DamageWarning, match=r"dq_\d .* dq is not used"):
+        found = fresh.fit(run).links_.x_
+    again = dyn.ThreeLoopIdentifier(robot, residual=None).fit(run)  # no second warning
+    np.testing.assert_array_equal(again.links_.x_, found)
+    without = dyn.ThreeLoopIdentifier(robot, residual=None).fit(run.without("dq"))
+    np.testing.assert_array_equal(without.links_.x_, found)
+    assert "dq_disagrees" in [finding.code for finding in dyn.inspect(run)]
+
+
 def test_a_block_that_is_written_twice_is_said_of_the_run_and_not_of_two(tmp_path):
     robot, paths, columns = write_robot(tmp_path), write_runs(tmp_path, n_runs=1), run(1)
     twice = write(tmp_path / "twice.parquet", {name: np.concatenate([x[:900], x[800:]]) for name, x in columns.items()})

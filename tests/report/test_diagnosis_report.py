@@ -93,6 +93,29 @@ def test_the_answer_comes_first_and_everything_else_is_folded(tmp_path: Path, n_
     assert "None" not in page.text
 
 
+def test_a_third_loop_that_was_switched_off_was_not_tried(tmp_path: Path) -> None:
+    result = make_diagnosis(2)
+    result["residual"] = {"kind": "gmr", "inputs": None, "kept": False, "kept_on": [], "switched_off": True}
+    _, page = page_of(tmp_path, result)
+    assert "It was switched off." in page.text
+    assert "on runs that it had not seen" not in page.text
+
+
+def test_what_was_found_is_told_from_the_declared_law_of_the_same_name(tmp_path: Path) -> None:
+    result, table = make_diagnosis(2), make_residuals(2)
+    rows = result["parameters"]["joint"]
+    rows += [dict(rows[0], name="hysteresis", effect="friction_hysteresis", declared=kind) for kind in (True, False)]
+    table |= {
+        f"{name}_{j}": np.ones(len(table["t"]))
+        for name in ("friction_hysteresis", "friction_hysteresis2")
+        for j in range(2)
+    }
+    page = Page(write_report(write_inputs(tmp_path, result, table)).read_text("utf-8"))
+    for said in ("hysteresis (found)", "friction hysteresis (found)"):
+        assert said in page.text
+    assert "hysteresis2" not in page.text
+
+
 def test_all_terms_of_friction_are_drawn_over_speed(tmp_path: Path) -> None:
     """A diagnosed model holds several laws of friction, and none of them is called `friction`."""
     table = make_residuals(2)

@@ -59,4 +59,4 @@ class MissingLibraryError(ValueError):
 
 
 class DamageWarning(UserWarning):
-    """A model was learned from a run that is damaged: degrees called radians, stamps out of order, lost bits."""
+    """A run is damaged: degrees called radians, stamps out of order, a velocity that is not its position's."""

@@ -58,5 +58,5 @@ def _errors(result: dict[str, Any]) -> Table:
 
 
 def _effect(entry: dict[str, Any], result: dict[str, Any]) -> str:
-    text = f"{entry['rank']}. {effect_words(entry, result['joints'])}"
+    text = f"{entry['rank']}. {effect_words(entry, result['joints'], intervals=True)}"
     return text + "".join(f"\n   {tie_words(tie, result['joints'])}" for tie in entry["ties"])

@@ -20,6 +20,7 @@ from dynid_rs.identification.results import Evaluated, Scores
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.error_interval import change_interval, rmse_interval
+from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.encoders import with_fitted_delay
 from dynid_rs.runs.preprocessing import States, without
 from dynid_rs.runs.recording import Recording
@@ -137,6 +138,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         for run in (*runs.train_after, *runs.test_after)
         if outcome.setup.excluded.get(run.recording.name)
     }
+    _as_told(result["parameters"]["joint"], effects)
     result |= {
         "effects": effects,
         "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.left],
@@ -147,6 +149,21 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     result["next_experiment"] = [*next_experiments(result), *_one_motion(outcome.asked)]
     result["verdict"] = verdict(result)
     return result
+
+
+def _as_told(rows: Sequence[dict[str, Any]], effects: Sequence[Entry]) -> None:
+    """Give coefficients of effects that were found the intervals that are told of them, shapes unknown too."""
+    told = {
+        (entry.get("told_as") or entry["kind"], number.get("joint", entry["joints"][0]), number["name"]): number
+        for entry in effects
+        for number in entry["parameters"]
+        if entry["joints"]
+    }
+    for row in rows:
+        number = None if row["declared"] else told.get((row["effect"], row["joint"], row["name"]))
+        if number is not None and number.get("interval") is not None:
+            low, high = number["interval"]
+            row |= {"interval": [low, high], "std_error": (high - low) / (2 * NORMAL_95)}
 
 
 def _one_motion(asked: OpenQuestions | None) -> list[str]:

@@ -316,7 +316,7 @@ def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
         "kind": "robot",
         "relative_uncertainty": {"links": posterior.relative_uncertainty, "rotors": None},
         "gain": None if identifier.torque_unit_ == "N*m" else posterior.prior.unit,
-        "n_directions": len(posterior.pull),
+        "n_directions": posterior.n_directions,
         "n_determined": posterior.n_determined,
         "n_effective": posterior.n_effective,
         "n_rows": identifier.observations_.n_rows,
@@ -336,14 +336,16 @@ def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         unit = units[_core.LINK_PARAMETER_NAMES[pivot % 10][0]] + current
         entry = _parameter(name, links.x_[k], std[k], unit)
         base.append({**entry, "link": robot.link_names[pivot // 10]})
-    names = [name for effect in plan.effects for name in effect.coefficient_names]
+    names = [(effect, name) for effect in plan.effects for name in effect.coefficient_names]
     joint = [
         {
             **_parameter(name, links.own_[j, k], std[plan.n_base + j * plan.n_own + k], unit),
             "joint": robot.joint_names[j],
+            "effect": effect.kind,
+            "declared": effect.is_declared,
         }
         for j in range(robot.n_joints)
-        for k, name in enumerate(names)
+        for k, (effect, name) in enumerate(names)
         for unit in [own_unit(name, identifier.torque_unit_, robot.joint_kinds[j])]
         if plan.own[j, k]
     ]

@@ -59,8 +59,10 @@ class Posterior:
         Of the prior.
     evidence : float
         Logarithm, up to a constant that every fit of the same rows shares.
+    n_directions : int
+        Combinations of the links' parameters, and of what cannot be told from them, that have a prior.
     n_determined : float
-        Of the unknowns, how many the data determine.
+        Of these, how many the data determine.
     n_effective : ndarray (n_joints,)
         Independent samples that the rows are worth, ``k_j n``.
     weights : ndarray (n_joints,)
@@ -79,6 +81,7 @@ class Posterior:
     noise_std: FloatArray
     choice: Choice
     evidence: float
+    n_directions: int
     n_determined: float
     n_effective: FloatArray
     weights: FloatArray
@@ -202,12 +205,14 @@ def fit_with_prior(
         unseen = [] if elsewhere is None else _elsewhere(plan, model, elsewhere * scale[:, None])
         end = _kept_at(model, end, noise, unseen).at(choice, noise)
     pull = prior.rows(choice)[0]
-    n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
+    of_links = pull[np.any(pull[:, : plan.n_base], axis=1), :-1]
+    n_determined = len(of_links) - float(np.sum((of_links @ end.covariance) * of_links))
     return Posterior(
         end.x,
         end.noise,
         choice,
         end.evidence,
+        len(of_links),
         n_determined,
         n_effective,
         end.weights,

@@ -127,6 +127,8 @@ def _residual_words(result: Result) -> str:
     residual = result.get("residual")
     if not residual:
         return ""
+    if residual.get("switched_off"):
+        return "<div><h3>Third loop: the residual</h3><p>It was switched off.</p></div>"
     joints = result["joints"]
     kept = residual.get("kept")
     per_joint = [bool(k) for k in kept] if isinstance(kept, list) else [bool(kept)] * len(joints)

@@ -36,7 +36,12 @@ _TERM_COLORS = {
 _SPARE_COLORS = ("yellow", "green", "purple", "sky", "orange", "brown")
 BEFORE = "residual_before"
 """Column: what the declared model left, where effects were added to it."""
-_TERM_WORDS = {"rigid_body": "rigid body", "residual_term": "residual term (third loop)", BEFORE: "residual before"}
+_TERM_WORDS = {
+    "rigid_body": "rigid body",
+    "residual_term": "residual term (third loop)",
+    "friction_hysteresis2": "friction hysteresis (found)",  # beside the declared one
+    BEFORE: "residual before",
+}
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,10 @@ def change_cell(after: float | None, wls: float | None) -> str:
     return cell(f'<span aria-hidden="true">{sign}</span> {change(after, wls)}', f"num {kind}")
 
 
+FOUND = " (found)"
+"""Behind the name of a coefficient of an effect that was found, beside declared ones of the same name."""
+
+
 def stages_table(result: Result, stages: Result) -> str:
     """Test error per joint after each loop, in parts of the torque's standard deviation."""
     size = result["rmse"]["test"]["torque_std"]
@@ -93,7 +97,7 @@ def parameter_table(parameters: Sequence[Result], group_key: str, group_title: s
         bounds = p.get("interval")
         rows.append(
             [
-                f'<th scope="row" class="{kind}">{_name(p["name"])}</th>',
+                f'<th scope="row" class="{kind}">{_name(p["name"])}{FOUND if p.get("declared") is False else ""}</th>',
                 cell(esc(p.get(group_key) or DASH), kind),
                 _sortable(value, p["value"], kind),
                 cell(esc(unit_text(p.get("unit"))), kind),

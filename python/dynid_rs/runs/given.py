@@ -7,10 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.errors import DamageWarning
+from dynid_rs.runs.checks import contradictions, refused_sources
 from dynid_rs.runs.readers.config_file import Rules, as_config
 from dynid_rs.runs.readers.frame import is_frame
 from dynid_rs.runs.readers.reading import PartsWarning, Robot, read
@@ -19,6 +22,10 @@ from dynid_rs.runs.recording import Recording
 FloatArray = NDArray[np.float64]
 Runs = Any
 """A `Recording`, a data frame (pandas, polars, Arrow), or an iterable of them."""
+
+
+_BELIEVED: WeakKeyDictionary[Recording, Recording] = WeakKeyDictionary()
+"""Runs to what is used of them: the same object each time, as whatever remembers a run knows it by that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +46,12 @@ class Given:
         return whole
 
 
-def as_recordings(runs: Runs, robot: Robot = None, config: Rules = None) -> list[Recording]:
+def as_recordings(
+    runs: Runs, robot: Robot = None, config: Rules = None, *, as_recorded: bool = False
+) -> list[Recording]:
     """Recordings of what is given; of a data frame that gaps split, all parts.
+
+    Signals that contradict their position are left out, with a `DamageWarning`, unless asked for `as_recorded`.
 
     Parameters
     ----------
@@ -58,11 +69,30 @@ def as_recordings(runs: Runs, robot: Robot = None, config: Rules = None) -> list
     DataError
         Anything about a frame's content.
     """
-    return [recording for one in as_given(runs, robot, config) for recording in one.recordings]
+    given = as_given(runs, robot, config, as_recorded=as_recorded)
+    return [recording for one in given for recording in one.recordings]
 
 
-def as_given(runs: Runs, robot: Robot = None, config: Rules = None, *, require_torque: bool = True) -> list[Given]:
+def as_given(
+    runs: Runs, robot: Robot = None, config: Rules = None, *, require_torque: bool = True, as_recorded: bool = False
+) -> list[Given]:
     """`as_recordings` thing by thing; torque is not looked at where it is not required, and zero in the recordings."""
+    given = _as_given(runs, robot, config, require_torque)
+    return given if as_recorded else [replace(one, recordings=tuple(map(_believed, one.recordings))) for one in given]
+
+
+def _believed(recording: Recording) -> Recording:
+    """The run without signals that contradict their position, each of them said as every command says it."""
+    if recording not in _BELIEVED:
+        found = contradictions(recording)
+        for finding in found:
+            warnings.warn(f"{recording.name}: {finding.message}", DamageWarning, stacklevel=5)
+        against = refused_sources(found)
+        _BELIEVED[recording] = recording.without(*against) if against else recording
+    return _BELIEVED[recording]
+
+
+def _as_given(runs: Runs, robot: Robot, config: Rules, require_torque: bool) -> list[Given]:
     if is_one(runs):
         return [_one(runs, robot, config, "data frame", require_torque)]
     if isinstance(runs, str | Path | dict | np.ndarray) or not isinstance(runs, Iterable):

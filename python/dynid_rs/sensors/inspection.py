@@ -35,7 +35,7 @@ def inspect(runs: Runs, robot: _core.RobotModel | None = None, config: Rules = N
     ValueError
         Robot and runs have different numbers of joints.
     """
-    recordings = as_recordings(runs, robot, config)
+    recordings = as_recordings(runs, robot, config, as_recorded=True)
     alone = [check_recording(run, robot) for run in recordings]
     found = [finding for own in beside_each_other(recordings, alone) for finding in own]
     if robot is not None and not any(is_damage(finding) for finding in found):

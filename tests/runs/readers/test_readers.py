@@ -231,6 +231,27 @@ def test_both_roads_of_the_csv_reader_give_the_same_bits(tmp_path, monkeypatch):
         np.testing.assert_array_equal(getattr(fast, name), getattr(slow, name))
 
 
+@pytest.mark.parametrize("form", ["plain", "spaces", "packed", "utf-16"])
+def test_no_thread_asks_python_for_the_cells_of_a_csv_file(tmp_path, monkeypatch, form):
+    """One that read ahead did while the interpreter ended: every tenth short file aborted the process."""
+    import gzip
+
+    import pyarrow
+    import pyarrow.csv
+
+    asked, read = [], pyarrow.csv.read_csv
+    monkeypatch.setattr(pyarrow.csv, "read_csv", lambda file, **rules: asked.append(file) or read(file, **rules))
+    text = csv_text(valid_columns())
+    text = text.replace(",", "  ") if form == "spaces" else text
+    path = tmp_path / ("run.csv.gz" if form == "packed" else "run.csv")
+    written = text.encode("utf-16" if form == "utf-16" else "utf-8")
+    path.write_bytes(gzip.compress(written) if form == "packed" else written)
+    assert read_recording(path).n_samples > 20
+    (file,) = asked
+    assert isinstance(file, pyarrow.NativeFile)
+    assert not isinstance(file, pyarrow.PythonFile)
+
+
 def test_csv_speed(tmp_path):
     n_rows, n_columns = 100_000, 40
     block = np.random.default_rng(0).standard_normal((1000, n_columns - 1))

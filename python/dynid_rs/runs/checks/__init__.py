@@ -20,6 +20,7 @@ from dynid_rs.runs.recording import OptionalSignal, Recording
 __all__ = [
     "check_recording",
     "contradicting_signals",
+    "contradictions",
     "is_damage",
     "moving_joints",
     "refused_sources",
@@ -123,8 +124,14 @@ def _joint(finding: Finding) -> str:
 
 def contradicting_signals(rec: Recording) -> tuple[OptionalSignal, ...]:
     """`refused_sources` of a run's findings, without the others."""
+    return refused_sources(contradictions(rec))
+
+
+def contradictions(rec: Recording) -> list[Finding]:
+    """Findings of `check_recording` on signals that contradict the position they belong to."""
     # Where numbers are damaged, they are all that `check_recording` finds.
-    return () if list(check_magnitudes(rec)) else refused_sources(check_derivatives(rec))
+    found = [] if list(check_magnitudes(rec)) else with_lines(rec, list(check_derivatives(rec)))
+    return [finding for finding in found if refused_sources([finding])]
 
 
 def refused_sources(findings: Iterable[Finding]) -> tuple[OptionalSignal, ...]:

@@ -6,7 +6,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from dynid_rs.runs.readers.text_layout import (
     find_layout,
 )
 from dynid_rs.runs.readers.text_source import text_of
+
+if TYPE_CHECKING:
+    from pyarrow import NativeFile
 
 _SPACES = re.compile(rb"[ \t]+")
 _ENDS = re.compile(rb"(?m)^ | ?\r?$")
@@ -98,9 +101,9 @@ def _load_fast(layout: Layout, wanted: Sequence[str]) -> Columns | None:
     types = {name: pa.string() if name in layout.stamps else pa.float64() for name in wanted}
     types |= {name: pa.int64() for name in wanted if name in layout.integers}
     try:
-        with layout.text.read(layout.body_offset) as stream:
+        with _body(layout) as stream:
             table = pv.read_csv(
-                stream if layout.delimiter else _single_spaces(stream),
+                stream,
                 read_options=pv.ReadOptions(column_names=labels, block_size=4 * MAX_LINE),
                 parse_options=pv.ParseOptions(delimiter=layout.delimiter or " "),
                 convert_options=pv.ConvertOptions(
@@ -122,9 +125,26 @@ def _load_fast(layout: Layout, wanted: Sequence[str]) -> Columns | None:
         return None
 
 
-def _single_spaces(stream: IO[bytes]) -> IO[bytes]:
+def _body(layout: Layout) -> NativeFile:
+    """The text of the cells as a file of pyarrow's own.
+
+    It is read ahead by a thread, which would ask a file of Python's for more while the interpreter ends, and abort it.
+    """
+    import pyarrow as pa
+
+    text = layout.text
+    if layout.delimiter and text.packer is None and text.encoding is None:
+        file = pa.OSFile(str(text.place))
+        file.seek(layout.body_offset)
+        return file
+    with text.read(layout.body_offset) as stream:
+        found = stream.read()
+    return pa.BufferReader(found if layout.delimiter else _single_spaces(found))
+
+
+def _single_spaces(text: bytes) -> bytes:
     """Columns that were aligned by spaces, with one space between cells."""
-    return io.BytesIO(_ENDS.sub(b"", _SPACES.sub(b" ", stream.read())))
+    return _ENDS.sub(b"", _SPACES.sub(b" ", text))
 
 
 def _rows(layout: Layout) -> Iterator[tuple[int, str]]:
