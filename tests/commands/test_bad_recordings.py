@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
+import weakref
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from dynid_rs.model.inertials import inertial_findings
 from dynid_rs.runs.checks import check_recording
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
 from dynid_rs.runs.facts import check_training_runs
+from dynid_rs.runs.given import as_recordings
 from dynid_rs.sensors import channel_errors
 
 NEW = {"torque_spike", "torque_beyond_effort", "sampling_rate", "absurd_value"}
@@ -489,6 +492,15 @@ def test_python_leaves_a_late_velocity_out_as_commands_do(tmp_path):
     without = dyn.ThreeLoopIdentifier(robot, residual=None).fit(run.without("dq"))
     np.testing.assert_array_equal(without.links_.x_, found)
     assert "dq_disagrees" in [finding.code for finding in dyn.inspect(run)]
+
+
+def test_a_run_that_was_looked_at_is_let_go(tmp_path):
+    read = dyn.read_recording(write_runs(tmp_path, n_runs=1)[0])
+    assert as_recordings([read]) == [read]
+    gone = weakref.ref(read)
+    del read
+    gc.collect()
+    assert gone() is None
 
 
 def test_a_block_that_is_written_twice_is_said_of_the_run_and_not_of_two(tmp_path):

@@ -24,8 +24,9 @@ Runs = Any
 """A `Recording`, a data frame (pandas, polars, Arrow), or an iterable of them."""
 
 
-_BELIEVED: WeakKeyDictionary[Recording, Recording] = WeakKeyDictionary()
-"""Runs to what is used of them: the same object each time, as whatever remembers a run knows it by that."""
+_WITHOUT: WeakKeyDictionary[Recording, Recording | None] = WeakKeyDictionary()
+"""Runs to what is used of them, None for all: the same object each time, as whatever remembers a run knows it by that.
+A run that was its own value would never be let go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +84,13 @@ def as_given(
 
 def _believed(recording: Recording) -> Recording:
     """The run without signals that contradict their position, each of them said as every command says it."""
-    if recording not in _BELIEVED:
+    if recording not in _WITHOUT:
         found = contradictions(recording)
         for finding in found:
             warnings.warn(f"{recording.name}: {finding.message}", DamageWarning, stacklevel=5)
-        against = refused_sources(found)
-        _BELIEVED[recording] = recording.without(*against) if against else recording
-    return _BELIEVED[recording]
+        _WITHOUT[recording] = recording.without(*refused_sources(found)) if found else None
+    used = _WITHOUT[recording]
+    return recording if used is None else used
 
 
 def _as_given(runs: Runs, robot: Robot, config: Rules, require_torque: bool) -> list[Given]:
