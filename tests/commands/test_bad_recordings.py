@@ -491,6 +491,7 @@ def test_python_leaves_a_late_velocity_out_as_commands_do(tmp_path):
     np.testing.assert_array_equal(again.links_.x_, found)
     without = dyn.ThreeLoopIdentifier(robot, residual=None).fit(run.without("dq"))
     np.testing.assert_array_equal(without.links_.x_, found)
+    np.testing.assert_array_equal(again.states(run).dq, without.states(run.without("dq")).dq)
     assert "dq_disagrees" in [finding.code for finding in dyn.inspect(run)]
 
 

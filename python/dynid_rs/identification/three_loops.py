@@ -268,6 +268,7 @@ class ThreeLoopIdentifier(RunRegressor):
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded; less `excluded`."""
         check_is_fitted(self, "band_")
+        (recording,) = as_recordings(recording)
         states = prepare(recording, self.band_, self.rate_, standstill=self.standstill)
         return without(states, (self.excluded or {}).get(recording.name, ()))
 
