@@ -101,7 +101,7 @@ def test_a_third_loop_that_was_switched_off_was_not_tried(tmp_path: Path) -> Non
     assert "on runs that it had not seen" not in page.text
 
 
-def test_what_was_found_is_told_from_the_declared_law_of_the_same_name(tmp_path: Path) -> None:
+def test_what_was_added_is_told_from_the_declared_law_of_the_same_name(tmp_path: Path) -> None:
     result, table = make_diagnosis(2), make_residuals(2)
     rows = result["parameters"]["joint"]
     rows += [dict(rows[0], name="hysteresis", effect="friction_hysteresis", declared=kind) for kind in (True, False)]
@@ -111,7 +111,7 @@ def test_what_was_found_is_told_from_the_declared_law_of_the_same_name(tmp_path:
         for j in range(2)
     }
     page = Page(write_report(write_inputs(tmp_path, result, table)).read_text("utf-8"))
-    for said in ("hysteresis (found)", "friction hysteresis (found)"):
+    for said in ("hysteresis (added)", "friction hysteresis (added)"):
         assert said in page.text
     assert "hysteresis2" not in page.text
 

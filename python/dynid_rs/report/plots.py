@@ -39,7 +39,7 @@ BEFORE = "residual_before"
 _TERM_WORDS = {
     "rigid_body": "rigid body",
     "residual_term": "residual term (third loop)",
-    "friction_hysteresis2": "friction hysteresis (found)",  # beside the declared one
+    "friction_hysteresis2": "friction hysteresis (added)",  # beside the declared one
     BEFORE: "residual before",
 }
 

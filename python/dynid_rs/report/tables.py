@@ -66,8 +66,8 @@ def change_cell(after: float | None, wls: float | None) -> str:
     return cell(f'<span aria-hidden="true">{sign}</span> {change(after, wls)}', f"num {kind}")
 
 
-FOUND = " (found)"
-"""Behind the name of a coefficient of an effect that was found, beside declared ones of the same name."""
+ADDED = " (added)"
+"""Behind the name of a coefficient that is no declared one: of what is known, or was found."""
 
 
 def stages_table(result: Result, stages: Result) -> str:
@@ -97,7 +97,7 @@ def parameter_table(parameters: Sequence[Result], group_key: str, group_title: s
         bounds = p.get("interval")
         rows.append(
             [
-                f'<th scope="row" class="{kind}">{_name(p["name"])}{FOUND if p.get("declared") is False else ""}</th>',
+                f'<th scope="row" class="{kind}">{_name(p["name"])}{ADDED if p.get("declared") is False else ""}</th>',
                 cell(esc(p.get(group_key) or DASH), kind),
                 _sortable(value, p["value"], kind),
                 cell(esc(unit_text(p.get("unit"))), kind),
