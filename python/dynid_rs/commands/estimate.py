@@ -34,7 +34,9 @@ def estimate(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run file, or the folder of a bag")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term; kind2 was added beside kind"),
+        typer.Option(
+            "--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term; kind2 was added to kind"
+        ),
     ] = None,
     states: Annotated[
         Path | None,
