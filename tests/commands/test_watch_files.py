@@ -129,3 +129,31 @@ def test_two_files_are_not_one(arm, tmp_path):
     (tmp_path / "sub").mkdir()
     assert "--report and --ros are to be two files" in refusal(watched(arm, "same", options=both))
     assert not (tmp_path / "one").exists()
+
+
+@pytest.mark.parametrize(("option", "name"), [*OPTIONS.items(), ("--save", "watch.json")])
+def test_what_no_watch_has_written_is_replaced_with_force_only(arm, tmp_path, option, name):
+    """Recordings were replaced without a word; what a watch has written stays its own, run after run."""
+    for content in ("t,q_0,tau_0\n0,1,2\n", '{"header": {}, "status": []}', "<!DOCTYPE html><title>Mine</title>", ""):
+        (tmp_path / name).write_text(content)
+        said = refusal(watched(arm, "same", options=[option, tmp_path / name]))
+        assert said == (
+            f"{tmp_path / name}: there is a file already, which no {option} of `dynid watch` has written; "
+            "name another file, or replace it with --force"
+        )
+        assert (tmp_path / name).read_text() == content
+    assert watched(arm, "same", options=[option, tmp_path / name, "--force"]).exit_code == 0
+    written = (tmp_path / name).read_bytes()
+    assert watched(arm, "harder", options=[option, tmp_path / name]).exit_code == 1
+    assert (tmp_path / name).read_bytes() != written or option == "--save"
+
+
+def test_what_one_option_has_written_another_does_not_replace(arm, tmp_path):
+    """Exchanged names are a slip."""
+    written = {**OPTIONS, "--save": "watch.json"}
+    assert watched(arm, "same", options=[*all_in(tmp_path), "--save", tmp_path / "watch.json"]).exit_code == 0
+    for option in written:
+        for other, name in written.items():
+            if option != other:
+                said = refusal(watched(arm, "same", options=[option, tmp_path / name]))
+                assert f"which no {option} of `dynid watch` has written" in said

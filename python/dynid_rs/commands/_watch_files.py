@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,6 +11,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dynid_rs.base.findings import Finding
     from dynid_rs.model.watch import Watch, Watched
+
+_OWN = {
+    "save": rb'\s*\{\s*"format"\s*:\s*"dynid-watch-settings"',
+    "report": rb"<!DOCTYPE html>.*?<title>[^<]* health of the torque model</title>",
+    "prometheus": rb"# HELP dynid_watch_",
+    "ros": rb'\s*\{\s*"header"\s*:.*?"name"\s*:\s*"dynid watch: ',
+}
+"""How a file begins that an earlier watch has written by the option of that name. One that is remembered is read first,
+and refused by its reader where it is none."""
+_BEGINNING = 1 << 16
+"""Bytes in which that shows."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +34,10 @@ class WatchFiles:
     prometheus: Path | None = None
     ros: Path | None = None
 
-    def check(self, runs: Sequence[Path] | None, read: Sequence[Path]) -> None:
+    def check(self, runs: Sequence[Path] | None, read: Sequence[Path], *, force: bool = False) -> None:
         """Refuse before any work is done what cannot be written, is read, or has no run.
+
+        What an earlier watch wrote by the same option is replaced; anything else with `force` only.
 
         Raises
         ------
@@ -42,6 +56,8 @@ class WatchFiles:
             if twice:
                 raise ValueError(f"{path}: --{option} and --{twice[0]} are to be two files; name another one")
         check_not_read(list(given.values()), read)
+        if not force:
+            _check_own(given)
 
     def remembered(self) -> str | None:
         """What an earlier call has left; None where there is nothing, or nothing is to be remembered.
@@ -104,3 +120,22 @@ class WatchFiles:
 
     def _given(self) -> dict[str, Path]:
         return {option: path for option, path in asdict(self).items() if path is not None}
+
+
+def _check_own(given: dict[str, Path]) -> None:
+    """Refuse to replace what is not the watch's own."""
+    from dynid_rs.base.files import with_sentence
+
+    for option, path in given.items():
+        if option not in _OWN or not path.is_file():
+            continue
+        try:
+            with path.open("rb") as file:
+                beginning = file.read(_BEGINNING)
+        except OSError as error:
+            raise with_sentence(error, path, "read") from None
+        if not re.match(_OWN[option], beginning, re.DOTALL):
+            raise FileExistsError(
+                f"{path}: there is a file already, which no --{option} of `dynid watch` has written; "
+                "name another file, or replace it with --force"
+            )

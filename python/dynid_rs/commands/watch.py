@@ -87,6 +87,9 @@ def watch(
             metavar="FILE.json", help="Write it as JSON in the fields of ROS 2, diagnostic_msgs/msg/DiagnosticArray"
         ),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that are there and that no earlier watch has written")
+    ] = False,
     config: _options.Config = None,
     drive_gain: _options.DriveGain = None,
     json_output: _options.Json = False,
@@ -117,9 +120,8 @@ def watch(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
         )
     files = WatchFiles(save, remember, report, prometheus, ros)
-    files.check(
-        runs, [path for path in (*model_files(model), settings, config, *(runs or []), *(healthy or [])) if path]
-    )
+    read = (*model_files(model), settings, config, *(runs or []), *(healthy or []))
+    files.check(runs, [path for path in read if path], force=force)
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
