@@ -113,6 +113,30 @@ def test_wrong_options_are_refused_in_a_sentence(arm, options, words):
     assert words in refusal(watched(arm, "same", options=options))
 
 
+@pytest.mark.parametrize("command", ["watch", "contact"])
+def test_healthy_runs_that_teach_nothing_are_said_with_their_option(arm, tmp_path, command):
+    """The sentence began with `fit`, which no command line has."""
+    healthy = []
+    for seed in (1, 2):
+        short = recorded(2.0, seed)
+        columns = {"t": short.t}
+        for j in range(short.n_joints):
+            columns |= {f"q_{j}": 0.3 + (1e-3 * short.q[:, j]), f"tau_{j}": short.tau[:, j]}
+        healthy += ["--healthy", write(tmp_path / f"short_{seed}.parquet", columns)]
+    said = refusal(dynid(command, arm / "model.json", arm / "same.parquet", *healthy))
+    assert said.startswith("--healthy short_1.parquet, short_2.parquet: no joint moves "), said
+
+
+def test_a_healthy_run_of_another_robot_is_said_with_its_option(arm, tmp_path):
+    other = recorded(2.0, 1, unit="A")
+    columns = {"t": other.t}
+    for j in range(other.n_joints):
+        columns |= {f"q_{j}": other.q[:, j], f"current_{j}": other.tau[:, j]}
+    healthy = write(tmp_path / "other.parquet", columns)
+    said = refusal(dynid("watch", arm / "model.json", arm / "same.parquet", "--healthy", healthy))
+    assert said == "--healthy other.parquet: holds torque in A, the model gives N*m"
+
+
 @pytest.mark.parametrize(
     ("text", "times"), [("1/day", 1.0), ("2/week", 2 / 7), (" 1 / 2weeks", 1 / 14), (".5/hour", 12.0)]
 )

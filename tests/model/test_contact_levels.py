@@ -97,7 +97,7 @@ def test_short_runs_teach_less_and_say_so(tmp_path):
         detection_curve(observer, recorded(30.0, 2), 5.0)
     slower = recorded(60.0, 4)
     slower = dyn.Recording(slower.t[::2], slower.q[::2], slower.dq[::2], ddq=slower.ddq[::2], tau=slower.tau[::2])
-    with pytest.raises(ValueError, match="recorded at different rates"):
+    with pytest.raises(ValueError, match=r"^recording, recording: recorded at different rates"):
         dyn.MomentumObserver(model()).fit([recorded(60.0, 1), slower])
 
 

@@ -120,6 +120,21 @@ def goes_on(how: Callable[[], str]) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def of_option(option: str) -> Iterator[None]:
+    """Say which option gave the runs that an error of the body begins with.
+
+    Raises
+    ------
+    ValueError
+        The body does.
+    """
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{option} {error}") from None
+
+
 def run_app(app: Callable[[], object]) -> None:
     """Run the whole program; help and version, which belong to no command, fail as answers of commands do."""
     try:

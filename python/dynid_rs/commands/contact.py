@@ -9,7 +9,7 @@ import typer
 
 from dynid_rs.commands import _options
 from dynid_rs.commands._rates import per_day
-from dynid_rs.commands._run import EXIT_NO, print_json, refused, run_command
+from dynid_rs.commands._run import EXIT_NO, of_option, print_json, refused, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
@@ -117,7 +117,8 @@ def contact(
             )
         if healthy:
             good, findings = read_runs(healthy, reference.robot, rules)
-            observer.fit(good)
+            with of_option("--healthy"):
+                observer.fit(good)
             if observer.uncertainty_ is None:
                 seconds = sum(run.duration for run in good)
                 raise ValueError(

@@ -10,7 +10,7 @@ import typer
 
 from dynid_rs.commands import _options
 from dynid_rs.commands._rates import per_day
-from dynid_rs.commands._run import EXIT_NO, print_json, refused, run_command
+from dynid_rs.commands._run import EXIT_NO, of_option, print_json, refused, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
@@ -131,7 +131,8 @@ def watch(
             watching = Watch.load(settings, reference)
         good, findings = read_runs(healthy, reference.robot, rules) if healthy else ([], [])
         if healthy:
-            watching.fit(good)
+            with of_option("--healthy"):
+                watching.fit(good)
         say("watching")
         watched, known = [], files.remembered()
         errors: list[ValueError | OSError] = []

@@ -42,7 +42,7 @@ class Seen:
     step: float
 
 
-def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
+def fit_variances(runs: Sequence[Seen], every: float, names: str) -> dict[str, Any]:
     """Variance of the observer on each joint: of what it does, and per square of its torque, most likely on these runs.
 
     ``r_j ~ N(0, w_doing + w_torque tau_j^2)``. The weights are positive; each step multiplies one by the root of what
@@ -53,6 +53,8 @@ def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
     ----------
     every : float
         Samples are taken so far apart [s]: the observer's time constant, over which it says the same.
+    names : str
+        How messages call the runs.
 
     Raises
     ------
@@ -85,7 +87,9 @@ def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
         stops_known.append(bool(told[STANDING] and _begun(runs, j, STANDING) >= LEAST_STOPS))
         turns_known.append(bool(told[TURNING] and _begun(runs, j, TURNING) >= LEAST_STOPS))
     if not np.any([np.count_nonzero(doing[:, j] == MOVING) >= LEAST_SAMPLES for j in range(n)]):
-        raise ValueError("fit: no joint moves long enough in these runs to tell what the model leaves")
+        raise ValueError(
+            f"{names}: no joint moves long enough to tell what the model leaves; name runs in which the arm works"
+        )
     said = {name: values.tolist() for name, values in found.items()}
     return said | {"stops_known": stops_known, "turns_known": turns_known}
 

@@ -164,7 +164,7 @@ class MomentumObserver:
         Raises
         ------
         ValueError
-            No joint moves long enough in these runs, or a run is not one of this robot.
+            No joint moves long enough in these runs, or a run is not one of this robot; begins with their names.
         """
         recordings = as_recordings(X, self.model.robot)
         gains = np.full((len(recordings), self.model.robot.n_joints), np.nan)
@@ -175,7 +175,7 @@ class MomentumObserver:
                 seen, expected = said.external[moves[:, j], j], said.std[moves[:, j], j]
                 row[j] = np.mean(seen**2) / np.mean(expected**2)
         if not np.any(np.isfinite(gains)):
-            names = ", ".join(shown(recording.name) for recording in recordings)
+            names = _names(recordings)
             raise ValueError(
                 f"{names}: no joint moves long enough to tell what the model leaves; name runs in which the arm works"
             )
@@ -255,9 +255,11 @@ class MomentumObserver:
     def _learn(self, recordings: Sequence[Recording]) -> dict[str, Any] | None:
         """What a `contact.json` holds; None where the runs are too short."""
         n = self.model.robot.n_joints
-        step = 1.0 / recordings[0].rate
+        step, names = 1.0 / recordings[0].rate, _names(recordings)
         if any(abs(run.rate * step - 1) > SAME_RATE for run in recordings):
-            raise ValueError("fit: the runs were recorded at different rates; the observer's noise follows the rate")
+            raise ValueError(
+                f"{names}: recorded at different rates, which the observer's noise follows; give runs of one rate"
+            )
         learned: dict[str, Any] = {
             "format": "dynid-contact",
             "version": 2,
@@ -278,7 +280,7 @@ class MomentumObserver:
             good = self._good(run, said)
             seen.append(Seen(said.external[good], said.doing[good], said.torque[good], step))
         self.greatest_ = np.max([np.abs(one.external).max(axis=0) for one in seen], axis=0)
-        learned |= fit_variances(seen, self.time_constant)
+        learned |= fit_variances(seen, self.time_constant, names)
         deviations = []
         for run in recordings:
             said = self._run(run, None, learned, per_hour=float(n))  # with these tails thresholds are one deviation
@@ -323,6 +325,10 @@ class MomentumObserver:
         external, threshold, rest, std, guide = said
         doing, torque, of_parameters = sources
         return _Said(external, threshold, rest, std, guide, doing, torque, of_parameters, status, delay)
+
+
+def _names(recordings: Sequence[Recording]) -> str:
+    return ", ".join(shown(recording.name) for recording in recordings)
 
 
 def check_run(model: _core.TorqueModel, run: Recording) -> None:

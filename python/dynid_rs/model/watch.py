@@ -152,7 +152,7 @@ class Watch:
         Raises
         ------
         ValueError
-            No joint moves long enough in these runs, or a run is not one of this robot.
+            No joint moves long enough in these runs, or a run is not one of this robot; begins with their names.
         """
         n = self.model.robot.n_joints
         everything, untold = Tolerated(*[NOTHING] * len(fields(Tolerated))), Healthy.untold(n, memory=1.0)
@@ -164,9 +164,10 @@ class Watch:
         per_test = self.false_alarms_per_day / (N_TESTS * n + 1)
         healthy = learn(relative, [speed for _, speed, _ in found], [repeats for *_, repeats in found], per_test)
         if healthy is None:
+            names = ", ".join(shown(run.name) for run in told)
             raise ValueError(
-                f"fit: no joint moves for {LEAST_ROWS * self.row:.0f} s within what the model was trained on, too "
-                "little to tell what it leaves; give longer runs without a change"
+                f"{names}: no joint moves for {LEAST_ROWS * self.row:.0f} s within "
+                "what the model was trained on, too little to tell what it leaves; give longer runs without a change"
             )
         self._take(healthy)
         self.healthy_ = tuple(run.name for run in told)
