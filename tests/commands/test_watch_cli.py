@@ -201,6 +201,40 @@ def test_runs_go_on_from_one_another_where_it_is_remembered(arm, tmp_path):
     assert known.read_text() == "{}"
 
 
+ANEW = "name another file, or remove this one to begin anew"
+
+
+@pytest.mark.parametrize("content", ["t,q_0\n0,1\n", "[1, 2]", '"text"', "null", "  \n"])
+def test_what_is_no_json_object_is_said_to_be_none(arm, tmp_path, content):
+    """The sentence named types of the program and a line of which nothing was wrong."""
+    path = tmp_path / "known.json"
+    path.write_text(content)
+    said = refusal(watched(arm, "same", options=["--remember", path]))
+    assert said == f"{path}: not what a watch remembers: it is no JSON object; {ANEW}"
+    said = refusal(dynid("watch", arm / "model.json", arm / "same.parquet", "--settings", path))
+    mend = "write it anew with `dynid watch MODEL.json --save`"
+    assert said == f"{path}: not a watch's settings: it is no JSON object; {mend}"
+    said = refusal(dynid("contact", arm / "model.json", arm / "same.parquet", "--settings", path))
+    mend = "write it anew with `dynid contact MODEL --healthy RUN --save`"
+    assert said == f"{path}: not an observer's uncertainty: it is no JSON object; {mend}"
+    assert path.read_text() == content
+
+
+def test_what_is_not_remembered_is_refused_with_one_mend(arm, tmp_path):
+    known = tmp_path / "known.json"
+    known.write_text("{}")
+    said = refusal(watched(arm, "same", options=["--remember", known]))
+    assert said == f"{known}: not what a watch remembers: missing field `format` at line 1 column 2; {ANEW}"
+    known.unlink()
+    assert watched(arm, "same", options=["--remember", known]).exit_code == 0
+    said = refusal(watched(arm, "same", options=["--remember", known, "--tolerate", "gain=0.2"]))
+    assert said == f"{known}: of another model, or of a watch with other settings; {ANEW}"
+    whole = json.loads(known.read_text())
+    known.write_text(json.dumps(whole | {"numbers": whole["numbers"][:-1]}))
+    said = refusal(watched(arm, "same", options=["--remember", known]))
+    assert said == f"{known}: numbers that no watch remembers; {ANEW}"
+
+
 def test_what_stood_before_a_call_stands_at_its_end(arm, tmp_path):
     """Prometheus' text of a call in which nothing is said says what an earlier one has said."""
     known, prom = tmp_path / "known.json", tmp_path / "state.prom"

@@ -3,12 +3,34 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
+
+_BEGINNING = 1 << 12
+"""Bytes in which an object shows itself, after blanks."""
+
+
+def is_object(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins as a JSON object does; what comes then is for its reader to say.
+
+    Raises
+    ------
+    OSError
+        The system refuses to read it.
+    DataError
+        It is a device or a pipe, or holds no byte.
+    """
+    place = check_readable(path)
+    try:
+        with place.open("rb") as file:
+            return file.read(_BEGINNING).lstrip().startswith(b"{")
+    except OSError as error:
+        raise with_sentence(error, path, "read") from None
 
 
 def read_json(path: Path, refuse: Callable[[str], NoReturn]) -> Any:

@@ -165,11 +165,13 @@ def watch(
 
 def _watched(watching: Watch, recording: Recording, known: str | None, remember: Path | None) -> Watched:
     from dynid_rs._core import FormatError
+    from dynid_rs.model.watch import ANEW
 
     try:
         return watching.watch(recording, remembered=known)
     except FormatError as error:  # of what is known, which only the file can be to blame for
-        raise FormatError(f"{remember}: {error}, or remove the file") from None
+        words = str(error).removeprefix("remembered: ").removesuffix(f"; {ANEW}").removesuffix("; begin anew")
+        raise FormatError(f"{remember}: {words}; {ANEW}") from None
 
 
 def _tolerated(said: Sequence[str]) -> Tolerated:

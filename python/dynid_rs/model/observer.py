@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.files import check_readable, write_json
+from dynid_rs.base.files import write_json
+from dynid_rs.base.json_file import is_object
 from dynid_rs.base.quoting import shown, shown_value
 from dynid_rs.model.contact_levels import Seen, fit_tails, fit_variances
 from dynid_rs.runs.given import Runs, as_recordings
@@ -235,8 +236,10 @@ class MomentumObserver:
             The system refuses.
         """
         mend = "write it anew with `dynid contact MODEL --healthy RUN --save`"
+        if not is_object(path):
+            raise _core.FormatError(f"{Path(path)}: not an observer's uncertainty: it is no JSON object; {mend}")
         try:
-            joints, unit, _, window, time_constant, per_hour = _core.read_contact(check_readable(path), model)
+            joints, unit, _, window, time_constant, per_hour = _core.read_contact(Path(path), model)
         except _core.FormatError:
             raise
         except ValueError as error:

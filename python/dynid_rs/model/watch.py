@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.changes import FROZEN, Change, kind_words
-from dynid_rs.base.files import check_readable, write_json
+from dynid_rs.base.files import write_json
+from dynid_rs.base.json_file import is_object
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import angle_units
 from dynid_rs.model.healthy import LEAST_ROWS, Healthy, learn
@@ -26,6 +27,8 @@ from dynid_rs.runs.recording import FloatArray, Recording
 
 MOST_REMEMBERED = 4 << 20
 """Bytes, as the compiled reader has it."""
+ANEW = "name another file, or remove this one to begin anew"
+"""What to do about a file that holds nothing remembered."""
 NOTHING = 1e12
 """Tolerates everything: for rows alone."""
 
@@ -225,12 +228,15 @@ class Watch:
         OSError
             The system refuses.
         """
-        said = _core.read_watch(check_readable(path))
+        mend = "write it anew with `dynid watch MODEL.json --save`"
+        if not is_object(path):
+            raise _core.FormatError(f"{Path(path)}: not a watch's settings: it is no JSON object; {mend}")
+        said = _core.read_watch(Path(path))
         joints = tuple(said["joints"])
         if joints != tuple(model.robot.joint_names):
             raise _core.FormatError(
                 f"{Path(path)}: of an arm with other joints ({shown(', '.join(joints[:3]))}, ...) than the model's; "
-                "write it anew with `dynid watch MODEL.json --save`"
+                f"{mend}"
             )
         tolerated = Tolerated(*(said[kind.name] for kind in fields(Tolerated)))
         found = Watch(
@@ -283,10 +289,14 @@ def read_remembered(path: str | PathLike[str]) -> str:
 
     Raises
     ------
+    FormatError
+        It is no JSON object.
     OSError
         The system refuses.
     """
-    with check_readable(path).open("rb") as file:
+    if not is_object(path):
+        raise _core.FormatError(f"{Path(path)}: not what a watch remembers: it is no JSON object; {ANEW}")
+    with Path(path).open("rb") as file:
         # One byte more than may be read, which the reader refuses.
         return file.read(MOST_REMEMBERED + 1).decode(errors="replace")
 
