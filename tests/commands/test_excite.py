@@ -322,8 +322,40 @@ def test_workspace_and_collision(tmp_path):
         ("[acceleration]\nlimit = true", "expected numbers, got True"),
         ("[acceleration]\nlimit = nan", "expected numbers, got nan"),
         ("[acceleration]\nlimit = inf", "expected numbers, got inf"),
-        ("[acceleration]\nlimit = 0", "the lower limit of acceleration of joint 0 is"),
-        ("[acceleration]\nlimit = 2\n[position]\nlower = 1\nupper = -1", "exchange or widen them"),
+        (
+            "[acceleration]\nlimit = -6",
+            "^limits.toml, acceleration.limit: expected numbers above 0, .* got -6 for joint shoulder$",
+        ),
+        (
+            '[units]\nangle = "deg"\n[acceleration]\nlimit = [20, 0, 20]',
+            "limits.toml, acceleration.limit: expected numbers above 0, for both directions, got 0 for joint elbow$",
+        ),
+        (
+            '[units]\nangle = "deg"\n[acceleration]\nlimit = 20\n[velocity]\nlimit = {wrist = -7}',
+            "limits.toml, velocity.limit: expected numbers above 0, for both directions, got -7 for joint wrist$",
+        ),
+        ("[acceleration]\nlimit = 2\n[torque]\nlimit = [9, -9, 9]", "torque.limit: .* got -9 for joint elbow$"),
+        (
+            "[acceleration]\nlimit = 2\n[position]\nlower = 1\nupper = -1",
+            r"limits.toml, \[position\]: the lower limit of position of joint shoulder is 1 and the upper one -1; "
+            "exchange or widen them$",
+        ),
+        (
+            "[acceleration]\nlower = [-2, 1, -2]\nupper = 2",
+            r"limits.toml, \[acceleration\]: the limits of acceleration of joint elbow are 1 and 2; zero must lie",
+        ),
+        (
+            "[acceleration]\nlimit = 2\n[torque]\nlower = [-9, -9, 1]\nupper = 9",
+            r"limits.toml, \[torque\]: the limits of torque of joint wrist are 1 and 9; zero must lie between them",
+        ),
+        (
+            "[acceleration]\nlimit = 2\n[position]\nlimit = {elbow = 1e-4}",
+            r"limits.toml, \[position\]: the position of joint elbow may only lie between -0.0001 and 0.0001",
+        ),
+        (
+            "[acceleration]\nlimit = 2\n[start]\nposition = [0, 9, 0]",
+            "limits.toml, start.position: the start of joint elbow is 9, outside its limits -2 and 2",
+        ),
         ("[acceleration]\nlimit = 2\n[workspace]\nlower = [0, 0, 0]", "workspace.upper: is missing"),
         (
             "[acceleration]\nlimit = 2\n[workspace]\nlower = [0, 0]\nupper = [1, 1, 1]",
@@ -371,7 +403,9 @@ def test_refusals_are_one_sentence_and_write_nothing(tmp_path):
     assert "does not exist" in says(urdf, "-o", output, "--limits", tmp_path / "no.toml")
     assert "criterion 'E' is not known" in says(urdf, "-o", output, "--criterion", "E")
     assert "--start must be 3 numbers" in says(urdf, "-o", output, "--start", "0,0")
-    assert "outside its limits" in says(urdf, "-o", output, "--limits", limits, "--start", "9,0,0")
+    sentence = says(urdf, "-o", output, "--limits", limits, "--start", "9,0,0")
+    assert sentence.startswith("the start of joint shoulder is 9, outside its limits")
+    assert sentence.endswith("choose a --start between them")
     assert "--noise must be 3 numbers" in says(urdf, "-o", output, "--noise", "a,b,c")
     assert "--noise must be 3 positive" in says(urdf, "-o", output, "--noise", "1,0,1")
     assert "--duration must be" in says(urdf, "-o", output, "--duration", "-3")

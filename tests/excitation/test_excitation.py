@@ -546,8 +546,8 @@ ONE = np.ones(3)
         ({"rate": 1.0}, "8 samples, expected 20"),
         ({"rate": 1e6}, "change duration, rate or n_harmonics"),
         ({"start": [0, 0]}, r"start has shape \(2,\), expected \(3,\)"),
-        ({"start": [0, 0, 2.5]}, "the start of joint 2 is 2.5, outside its limits -2 and 2"),
-        ({"start": [0, np.nan, 0]}, "the start of joint 1 is nan"),
+        ({"start": [0, 0, 2.5]}, "the start of joint wrist is 2.5, outside its limits -2 and 2"),
+        ({"start": [0, np.nan, 0]}, "the start of joint elbow is nan"),
         ({"noise_std": [1, 2]}, "noise_std must be 3 positive numbers"),
         ({"noise_std": [1, 2, 0]}, "noise_std must be 3 positive numbers"),
         ({"noise_std": ONE, "noise_covariance": np.eye(3)}, "leave one out"),
@@ -573,7 +573,7 @@ def test_limits_that_cannot_be_met_are_refused():
     with pytest.raises(ValueError, match=r"acceleration have shape \(2, 2\)"):
         ExcitationLimits(np.stack([-ONE, ONE]), np.stack([-ONE, ONE]), np.ones((2, 2)))
     tiny = ExcitationLimits.symmetric([1, 1e-4, 1], ONE, ONE)
-    with pytest.raises(ValueError, match=r"position of joint 1 .* no room to move; widen"):
+    with pytest.raises(ValueError, match=r"position of joint elbow .* no room to move; widen"):
         quick().fit(robot, tiny)
     with pytest.raises(ValueError, match="limits are for 2 joints, and the robot has 3"):
         quick().fit(robot, ExcitationLimits.symmetric(ONE[:2], ONE[:2], ONE[:2]))

@@ -156,7 +156,8 @@ class FourierExcitation(Estimator):
                 f"robot {robot.name} has no base parameter: its torque does not depend on any inertial parameter, so "
                 "there is nothing to excite; check joints, axes and gravity of the robot file"
             )
-        self.robot_, self.base_, self.limits_, self.start_ = robot, base, limits, limits.start(self.start)
+        self.robot_, self.base_, self.limits_ = robot, base, limits
+        self.start_ = limits.start(self.start, robot.joint_names)
         problem = self.problem()
         self.seed_ = int(np.random.SeedSequence(self.random_state).entropy)  # type: ignore[arg-type]
         restarts = search(problem, self._plan(), self.callback)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.quoting import shown
 from dynid_rs.simulation.limits import motion_limits
 
 if TYPE_CHECKING:
@@ -53,23 +55,9 @@ class ExcitationLimits:
             if array.shape != (2, n_joints) or n_joints == 0:
                 raise ValueError(f"limits of {name} have shape {array.shape}, expected (2, n_joints): lower and upper")
             object.__setattr__(self, name, array)
-            self._check(name, array)
-
-    @staticmethod
-    def _check(name: str, array: FloatArray) -> None:
-        for joint, (lower, upper) in enumerate(array.T.tolist()):
-            where = f"{name} of joint {joint}"
-            if np.isnan([lower, upper]).any() or (name != "torque" and not np.isfinite([lower, upper]).all()):
-                raise ValueError(f"the limits of {where} are {lower:g} and {upper:g}, expected finite numbers")
-            if not lower < upper:
-                raise ValueError(
-                    f"the lower limit of {where} is {lower:g} and the upper one {upper:g}; exchange or widen them"
-                )
-            if name != "position" and not lower < 0 < upper:
-                raise ValueError(
-                    f"the limits of {where} are {lower:g} and {upper:g}; zero must lie between them, "
-                    "because the joint starts and ends at rest"
-                )
+            wrong = fault(name, array)
+            if wrong is not None:
+                raise ValueError(wrong)
 
     @property
     def n_joints(self) -> int:
@@ -96,8 +84,10 @@ class ExcitationLimits:
             np.stack([-declared.acceleration, declared.acceleration]),
         )
 
-    def start(self, wanted: Any = None) -> FloatArray:
+    def start(self, wanted: Any = None, joint_names: Sequence[str] | None = None) -> FloatArray:
         """Where the motion starts and ends (n_joints,): `wanted`, or zero, or the middle where zero is outside.
+
+        Joints are called by their names where these are given, else by index.
 
         Raises
         ------
@@ -105,12 +95,13 @@ class ExcitationLimits:
             `wanted` lies outside the limits or at one of them; or the limits leave no room to move.
         """
         lower, upper = self.position
+        names = _names(joint_names, self.n_joints)
         tight = np.flatnonzero(upper - lower < 2 * LEAST_ROOM)
         if tight.size:
             joint = int(tight[0])
             raise ValueError(
-                f"the position of joint {joint} may only lie between {lower[joint]:g} and {upper[joint]:g}, which "
-                f"leaves no room to move; widen these limits to {2 * LEAST_ROOM:g} at least, or fix the joint"
+                f"the position of joint {names[joint]} may only lie between {lower[joint]:g} and {upper[joint]:g}, "
+                f"which leaves no room to move; widen these limits to {2 * LEAST_ROOM:g} at least, or fix the joint"
             )
         if wanted is None:
             inside = (lower + LEAST_ROOM <= 0) & (upper - LEAST_ROOM >= 0)
@@ -123,10 +114,30 @@ class ExcitationLimits:
         if outside.size:
             joint = int(outside[0])
             raise ValueError(
-                f"the start of joint {joint} is {start[joint]:g}, outside its limits {lower[joint]:g} and "
+                f"the start of joint {names[joint]} is {start[joint]:g}, outside its limits {lower[joint]:g} and "
                 f"{upper[joint]:g} or within {LEAST_ROOM:g} of one; choose a start between them"
             )
         return start
+
+
+def fault(quantity: str, limits: FloatArray, joint_names: Sequence[str] | None = None) -> str | None:
+    """What is wrong with limits (2, n_joints) of a quantity, in one sentence, or None; joints by name or by index."""
+    for joint, (lower, upper) in zip(_names(joint_names, limits.shape[1]), limits.T.tolist(), strict=True):
+        where = f"{quantity} of joint {joint}"
+        if np.isnan([lower, upper]).any() or (quantity != "torque" and not np.isfinite([lower, upper]).all()):
+            return f"the limits of {where} are {lower:g} and {upper:g}, expected finite numbers"
+        if not lower < upper:
+            return f"the lower limit of {where} is {lower:g} and the upper one {upper:g}; exchange or widen them"
+        if quantity != "position" and not lower < 0 < upper:
+            return (
+                f"the limits of {where} are {lower:g} and {upper:g}; zero must lie between them, "
+                "because the joint starts and ends at rest"
+            )
+    return None
+
+
+def _names(joint_names: Sequence[str] | None, n: int) -> list[str]:
+    return [str(joint) for joint in range(n)] if joint_names is None else [shown(name) for name in joint_names]
 
 
 def share(signal: FloatArray, limits: FloatArray) -> FloatArray:

@@ -52,7 +52,7 @@ from dynid_rs.base.quoting import shown, shown_value
 from dynid_rs.base.toml import read_toml
 from dynid_rs.excitation.collision import SelfCollision
 from dynid_rs.excitation.constraints import PhysicalLimits
-from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits
+from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits, fault
 from dynid_rs.excitation.workspace import WorkspaceBox
 from dynid_rs.runs.readers.config import UNITS
 
@@ -142,16 +142,10 @@ class _Parser:
                 )
         position, velocity, acceleration = (self.motion(name) for name in MOTIONS)
         torque = self.sides("torque", np.stack([np.full(self.n, -np.inf), np.full(self.n, np.inf)]))
-        try:
-            limits = ExcitationLimits(position, velocity, acceleration, torque)
-        except ValueError as error:
-            raise DataError(f"{self.file}: {error}", code="bad_limits", file=self.file) from None
-        start = self.content.get("start", {}).get("position")
-        return LimitsFile(
-            limits=limits,
-            start=None if start is None else self.per_joint("start.position", start, np.zeros(self.n), "position"),
-            constraints=tuple(self.constraints(urdf)),
-        )
+        if torque is not None:
+            self.check("torque", torque)
+        limits = ExcitationLimits(position, velocity, acceleration, torque)
+        return LimitsFile(limits, self.start(limits), tuple(self.constraints(urdf)))
 
     @property
     def n(self) -> int:
@@ -179,7 +173,25 @@ class _Parser:
                 f"no limit for joint {shown(robot.joint_names[missing[0]])}, and the robot file gives none either; "
                 f"add limit, or lower and upper, to [{name}]",
             )
+        self.check(name, limits)
         return limits
+
+    def check(self, name: str, limits: FloatArray) -> None:
+        """Refuse limits (2, n) that are turned round, or leave no room for rest."""
+        wrong = fault(name, limits, self.robot.joint_names)
+        if wrong is not None:
+            raise self.fault(f"[{name}]", wrong)
+
+    def start(self, limits: ExcitationLimits) -> FloatArray | None:
+        """Where the motion starts, if the file says so; refuses limits that hold no start."""
+        said = self.content.get("start", {}).get("position")
+        start = None if said is None else self.per_joint("start.position", said, np.zeros(self.n), "position")
+        for key, wanted in (("[position]", None), ("start.position", start)):
+            try:
+                limits.start(wanted, self.robot.joint_names)
+            except ValueError as error:
+                raise self.fault(key, str(error)) from None
+        return start
 
     def within_robot(self, name: str, limits: FloatArray, own: FloatArray) -> None:
         """Refuse limits (2, n) beyond the robot file's own: a slip of the unit, or a motion that breaks something."""
@@ -202,6 +214,12 @@ class _Parser:
             if len(table) > 1:
                 raise self.fault(name, "limit is for both directions; give it alone, or lower and upper")
             size = self.per_joint(f"{name}.limit", table["limit"], np.full(self.n, np.nan), name)
+            for j in np.flatnonzero(size <= 0):  # false where the file says nothing
+                raise self.fault(
+                    f"{name}.limit",
+                    f"expected numbers above 0, for both directions, got {size[j] / self.factors(name)[j]:g} for joint "
+                    f"{shown(self.robot.joint_names[j])}",
+                )
             return np.where(np.isnan(size), own, np.stack([-size, size]))
         for key in ("lower", "upper"):
             if key not in table:
