@@ -70,6 +70,26 @@ def test_wrong_use(arguments, words, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("diagnose", "robot.urdf", "run.csv"), "Missing option '--output' / '-o'"),
+        (("excite", "robot.urdf", "-o", "x.csv", "--harmonics", "few"), "Invalid value for '--harmonics': "),
+        (("diagnos", "robot.urdf"), "No such command 'diagnos'"),
+    ],
+)
+def test_wrong_use_is_an_object_with_json(arguments, message):
+    """Programs found nothing on standard output."""
+    bare, asked = process(*arguments), process(*arguments, "--json")
+    assert (bare.returncode, asked.returncode) == (2, 2)
+    assert bare.stdout == ""
+    (error,) = json.loads(asked.stdout).values()
+    assert error["class"] == "UsageError"
+    assert error["message"].startswith(message)
+    assert asked.stderr == bare.stderr
+    assert f"Error: {error['message']}" in asked.stderr
+
+
 @pytest.mark.parametrize("asked", ["--help", "--version"])
 def test_what_needs_no_numbers_starts_without_their_libraries(asked):
     heavy = ("numpy", "scipy", "sklearn", "pyarrow")

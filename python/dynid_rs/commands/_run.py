@@ -35,6 +35,10 @@ _WRITERS = (f"{__package__}.", "typer.", "click.", "rich.")
 P = ParamSpec("P")
 
 
+class UsageError(ValueError):
+    """Options or arguments that no command takes, in the words of the library that parses them."""
+
+
 def error_object(error: BaseException) -> dict[str, object]:
     """Return the fields of an error that programs read: class, message and, where known, the place."""
     fields: dict[str, object] = {"class": type(error).__name__, "message": sentence(error)}
@@ -136,7 +140,10 @@ def of_option(option: str) -> Iterator[None]:
 
 
 def run_app(app: Callable[[], object]) -> None:
-    """Run the whole program; help and version, which belong to no command, fail as answers of commands do."""
+    """Run the whole program; help, version and wrong use, which belong to no command, fail as answers of commands do.
+
+    Of wrong use click has said what it is on standard error; with ``--json`` it stands on standard output too.
+    """
     try:
         app()
     except OSError as error:
@@ -150,6 +157,9 @@ def run_app(app: Callable[[], object]) -> None:
         # It ends with 1 after an interrupt too, where no command has begun.
         if isinstance(end.__context__, typer.Abort):
             raise SystemExit(EXIT_INTERRUPTED) from None
+        words = getattr(end.__context__, "format_message", None)  # click's errors, wherever typer has click from
+        if words is not None and "--json" in sys.argv[1:]:
+            _say_as_json(UsageError(words().removesuffix(".")))
         raise
 
 
@@ -179,12 +189,16 @@ def failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:
         return _unanswered(error)
     _complain(f"error: {sentence(error)}")
     if as_json:
-        try:
-            print_json({"error": error_object(error)})
-            sys.stdout.flush()
-        except OSError:
-            _give_up(sys.stdout)  # what is wrong stands on standard error
+        _say_as_json(error)
     return EXIT_UNUSABLE
+
+
+def _say_as_json(error: Exception) -> None:
+    try:
+        print_json({"error": error_object(error)})
+        sys.stdout.flush()
+    except OSError:
+        _give_up(sys.stdout)  # what is wrong stands on standard error
 
 
 def _is_of_a_stream(error: OSError) -> bool:
