@@ -9,6 +9,9 @@ import pytest
 from helpers.run_files import write
 from helpers.small_arm import dynid, refusal, run, snapshot, write_robot, write_runs
 
+from dynid_rs import Config, DataError, RobotModel
+from dynid_rs.archive.runs import RunFile
+
 
 def spoiled(folder, change):
     """Two training runs and a test run, each changed in place."""
@@ -76,6 +79,60 @@ def test_a_run_that_a_result_would_replace(tmp_path):
     assert snapshot(tmp_path) == before
 
 
+def same_names(folder):
+    """The robot, and three runs of one name in three folders."""
+    for k in range(3):
+        (folder / f"day_{k}").mkdir()
+    return write_robot(folder), [write(folder / f"day_{k}" / "run.csv", run(k)) for k in range(3)]
+
+
+BROKEN = {
+    "no run": (".csv", lambda content: b"not a run\n", None),
+    "no number": (".csv", lambda content: content.replace(b"\n0.005,", b"\nx,", 1), 1),
+    "no JSON": (".jsonl", lambda content: b"{\n", None),
+    "cut": (".parquet", lambda content: content[: len(content) // 2], None),
+    "no archive": (".npz", lambda content: b"nothing", None),
+}
+
+
+@pytest.mark.parametrize(("suffix", "damage", "row"), BROKEN.values(), ids=BROKEN)
+def test_of_files_of_one_name_the_broken_one_is_told(tmp_path, suffix, damage, row):
+    """Whichever of them it was, the sentence said `run.csv`."""
+    robot, paths = same_names(tmp_path)
+    content = write(paths[1].with_suffix(suffix if suffix != ".jsonl" else ".csv"), run(1)).read_bytes()
+    paths[1] = paths[1].with_suffix(suffix)
+    paths[1].write_bytes(damage(content))
+    name, output = f"day_1/run{suffix}", tmp_path / "out"
+    assert refusal(dynid("init", robot, *paths, "-o", tmp_path / "dynid.toml")).startswith(name)
+    inspected = dynid("inspect", "--robot", robot, *paths)
+    assert inspected.stderr.startswith(f"error: {name}")
+    assert "day_0/run.csv\n" in inspected.stdout
+    refused = dynid("identify", robot, *paths[:2], "--test", paths[2], "-o", output, "--json")
+    error = json.loads(refused.stdout)["error"]
+    assert refused.stderr == f"error: {error['message']}\n"
+    assert error["message"].startswith(name)
+    assert (error["file"], error.get("row")) == (name, row)
+
+
+def test_a_lone_file_is_called_by_its_own_name(tmp_path):
+    robot, paths = same_names(tmp_path)
+    paths[1].write_text("not a run\n")
+    assert dynid("inspect", paths[1]).stderr.startswith("error: run.csv: column q_0 is missing")
+    other = paths[0].rename(paths[0].with_name("other.csv"))
+    said = refusal(dynid("identify", robot, other, paths[1], "-o", tmp_path / "out"))
+    assert said.startswith("run.csv: column q_0 or q_shoulder is missing")
+
+
+def test_a_part_is_read_from_the_file_that_its_name_says(tmp_path):
+    robot, paths = same_names(tmp_path)
+    paths[1].write_text("not a run\n")
+    model = RobotModel.from_urdf(robot)
+    part = RunFile(paths[1], "day_1/run.csv (part 2 of 2)", model, Config(), part=1, n_parts=2)
+    with pytest.raises(DataError, match=r"^day_1/run\.csv: column q_0 or q_shoulder is missing") as caught:
+        part.read()
+    assert caught.value.file == "day_1/run.csv"
+
+
 def test_exchanged_torque_columns_end_in_no(tmp_path):
     def change(columns, k):
         if k == 2:
@@ -89,7 +146,7 @@ def test_exchanged_torque_columns_end_in_no(tmp_path):
 
 def test_at_rest_the_model_does_not_chatter(tmp_path):
     """Transition widths stay above the velocity's noise, so noise at rest is not friction of full size."""
-    from dynid_rs import RobotModel, ThreeLoopIdentifier, read_recording
+    from dynid_rs import ThreeLoopIdentifier, read_recording
 
     robot = RobotModel.from_urdf(write_robot(tmp_path))
     identifier = ThreeLoopIdentifier(robot, residual=None).fit(

@@ -110,7 +110,12 @@ def test_a_file_in_parts_is_read_once(tmp_path, monkeypatch):
         columns["t"][row:] += 5.0
     path = write_csv(tmp_path / "run.csv", columns)
     sources = run_sources([path], robot, Settings(Config()))
-    monkeypatch.setattr(module, "read_run", lambda *arguments: calls.append(arguments) or read_run(*arguments))
+
+    def counted(*arguments, **named):
+        calls.append(arguments)
+        return read_run(*arguments, **named)
+
+    monkeypatch.setattr(module, "read_run", counted)
     read = [source.read()[0] for source in sources]
     assert [one.n_samples for one in read] == [400, 400, 400, len(columns["t"]) - 1200]
     assert len(calls) == 1

@@ -13,6 +13,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks import check_recording, contradicting_signals, refused_sources
+from dynid_rs.runs.parts import whole_name
 from dynid_rs.runs.readers import Config, Run, read_run
 from dynid_rs.runs.readers.formats import files_of
 from dynid_rs.runs.recording import Recording
@@ -113,12 +114,13 @@ class RunFile:
     def _read_file(self) -> Run:
         """Read the file; for the parts of one that follow each other only once."""
         if self.n_parts == 1:
-            return read_run(self.path, self.robot, self.config)
+            return read_run(self.path, self.robot, self.config, name=self.name)
         info = self.path.stat()
         key = (self.path, info.st_mtime_ns, info.st_size)
         held = _LAST.get("run")
         if held is None or held[0] != key or held[1] is not self.robot or held[2] is not self.config:
-            held = (key, self.robot, self.config, read_run(self.path, self.robot, self.config))
+            whole = read_run(self.path, self.robot, self.config, name=whole_name(self.name))
+            held = (key, self.robot, self.config, whole)
         _LAST.clear()
         if self.part < self.n_parts - 1:
             _LAST["run"] = held

@@ -16,6 +16,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.commands._init_answers import answers
 from dynid_rs.commands._init_proposal import Proposal
 from dynid_rs.commands._init_words import fact, told
+from dynid_rs.commands._inputs import run_names
 from dynid_rs.runs.checks.clocks import WORDS, Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
@@ -80,9 +81,10 @@ def look(
     DataError, OSError
         A run cannot be read, whatever its columns are called.
     """
-    found = _named(robot, paths[0], rules)
+    names = run_names(paths)
+    found = _named(robot, paths[0], rules, names[0])
     for _ in range(ROUNDS):
-        found.runs = [read_run(path, robot, found.rules) for path in paths]
+        found.runs = _read(paths, names, robot, found.rules)
         proposal = next(_proposals(robot, found), None)
         if proposal is None:
             break
@@ -106,7 +108,7 @@ def look(
         found.taken.append(proposal)
         if found.rules.gravity is not None:
             robot = robot.with_gravity(list(found.rules.gravity))
-        found.runs = [read_run(path, robot, found.rules) for path in paths]
+        found.runs = _read(paths, names, robot, found.rules)
         found.questions = _questions(robot, found)
     found.notes += told(found.runs)
     signals = found.runs[0].columns.signals
@@ -116,10 +118,14 @@ def look(
     return found
 
 
-def _named(robot: Any, path: Path, rules: Config) -> Look:
+def _read(paths: Sequence[Path], names: Sequence[str], robot: Any, rules: Config) -> list[Run]:
+    return [read_run(path, robot, rules, name=name) for path, name in zip(paths, names, strict=True)]
+
+
+def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
     """Rules by the names of the first run's columns."""
     joints = tuple(robot.joint_names)
-    table = open_run(path, joints, rules)
+    table = open_run(path, joints, rules, name=name)
     spoken, _ = speak(table.names, rules, table.file, table.stamps)
     try:
         match_columns(table.names, joints, spoken, table.file)

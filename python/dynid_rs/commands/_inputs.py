@@ -245,7 +245,7 @@ def parted_sources(
 
     sources: tuple[list[RunFile], list[RunFile]] = ([], [])
     paths = [*runs, *test]
-    for place, (path, name) in enumerate(zip(paths, _names(paths), strict=True)):
+    for place, (path, name) in enumerate(zip(paths, run_names(paths), strict=True)):
         n = count_parts(path, robot, settings.config)
         names = [name] if n == 1 else [part_name(name, k, n) for k in range(n)]
         sources[place >= len(runs)].extend(
@@ -254,7 +254,7 @@ def parted_sources(
     return sources
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
+def run_names(paths: Sequence[Path]) -> list[str]:
     """File names, with as many folders before them as it takes to tell runs apart."""
     parts = [path.absolute().parts for path in paths]
     depths = range(1, max(map(len, parts)) + 1)

@@ -28,10 +28,10 @@ class Inspection:
     error: Exception | None = None
 
 
-def inspect_run(path: Path, robot: Any | None, config: Config) -> list[Inspection]:
-    """Read and check one file, part by part; what the file did wrong is kept, not raised."""
+def inspect_run(path: Path, robot: Any | None, config: Config, name: str) -> list[Inspection]:
+    """Read and check one file, which messages call `name`, part by part; what it did wrong is kept, not raised."""
     try:
-        run = read_run(path, robot, config)
+        run = read_run(path, robot, config, name=name)
         checked = [(part, check_recording(part, robot)) for part in run.parts]
     except (ValueError, OSError) as error:
         return [Inspection(path, error=error)]

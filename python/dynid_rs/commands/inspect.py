@@ -33,7 +33,7 @@ def inspect(
 
     Exit code 0: nothing wrong; 1: a finding says "error"; 2: a file cannot be read.
     """
-    from dynid_rs.commands._inputs import read_robot, read_rules
+    from dynid_rs.commands._inputs import read_robot, read_rules, run_names
     from dynid_rs.commands._inspection import compared, exit_code, hint, inspect_run, to_json
     from dynid_rs.model.inertials import inertial_findings
 
@@ -42,7 +42,8 @@ def inspect(
     rules = read_rules(config)
     model = None if robot is None else read_robot(robot, base, tip, gravity, rules, xacro=xacro)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
-    inspections = compared([one for path in runs for one in inspect_run(path, model, rules)], model)
+    named = zip(runs, run_names(runs), strict=True)
+    inspections = compared([one for path, name in named for one in inspect_run(path, model, rules, name)], model)
     code = exit_code(inspections)
     if json_output:
         print_json(

@@ -102,15 +102,16 @@ def read_run(
     robot: Robot = None,
     config: Rules = None,
     *,
+    name: str | None = None,
     require_torque: bool = True,
 ) -> Run:
     """Read one file with the story of its columns; see `read_recording`.
 
-    With `require_torque` off a file without torque is read too, for those who only want its motion;
-    see `Run.has_torque`.
+    `name` stands for the file's own in messages and recordings, where several files have the same. With
+    `require_torque` off a file without torque is read too, for those who only want its motion; see `Run.has_torque`.
     """
     interrupt.check()  # long commands that show no steps read one run after another
-    found = read(path, robot, config, require_torque=require_torque)
+    found = read(path, robot, config, name=name, require_torque=require_torque)
     parts = tuple(Recording(**part) for part in found.parts)
     return Run(parts, found.kind, found.columns, found.rules, found.split)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -94,8 +95,10 @@ def name_of(source: Source) -> str:
     return "data frame" if is_frame(source) else Path(source).name
 
 
-def open_run(path: str | Path, joints: Sequence[str] | None = None, config: Config | None = None) -> Table:
-    """Open a run by its suffix, without reading the numbers.
+def open_run(
+    path: str | Path, joints: Sequence[str] | None = None, config: Config | None = None, *, name: str | None = None
+) -> Table:
+    """Open a run by its suffix, without reading the numbers; `name` stands for the file's in messages.
 
     Raises
     ------
@@ -106,7 +109,23 @@ def open_run(path: str | Path, joints: Sequence[str] | None = None, config: Conf
     OSError
         The file cannot be opened.
     """
-    return join_stamps(by_joint(open_table(path, joints, Config() if config is None else config)))
+    with _called(path, name):
+        table = open_table(path, joints, Config() if config is None else config)
+        return join_stamps(by_joint(table if name is None else replace(table, file=name)))
+
+
+@contextmanager
+def _called(source: Source, name: str | None) -> Iterator[None]:
+    """Let errors about the content of a file say `name` in the place of its own, which another run may have too."""
+    try:
+        yield
+    except DataError as error:
+        own = name_of(source)
+        if name is None or error.file != own:
+            raise
+        text = str(error)
+        said = name + text.removeprefix(own) if text.startswith(own) else text
+        raise DataError(said, code=error.code, file=name, column=error.column, row=error.row) from None
 
 
 def read(
@@ -114,14 +133,15 @@ def read(
 ) -> Read:
     """Read a file or a data frame; `readers.read_recording` says what is taken and what is refused.
 
-    `name` stands for a frame's in messages and in its recordings. Without torque, where that is allowed, it is zero.
+    `name` stands for the source's own in messages and recordings. Without torque, where that is allowed, it is zero.
     """
     if is_frame(source):
         try:
             return _read(source, robot, config, name, require_torque)
         except DataError as error:
             raise in_python(error) from None
-    return _read(source, robot, config, name, require_torque)
+    with _called(source, name):
+        return _read(source, robot, config, name, require_torque)
 
 
 def in_python(error: DataError) -> DataError:
@@ -177,7 +197,7 @@ def _open(source: Source, robot: Robot, config: Rules, name: str | None = None) 
     if is_frame(source):
         table = join_stamps(by_joint(open_frame(source, name or name_of(source))))
     else:
-        table = open_run(source, names, rules)
+        table = open_run(source, names, rules, name=name)
     rules, notes = speak(table.names, rules, table.file, table.stamps)
     with lists_explained(table):
         joints = infer_joints(table.names, rules, table.file) if names is None else names
