@@ -112,7 +112,7 @@ def test_where_some_unknowns_are_known_the_others_are_those_of_least_squares_bes
     across, _ = model.prior.rows(choice)
     A = np.concatenate([*(dense / NOISE[:, None, None]), across[:, :-1]])
     b = np.concatenate([*(y / NOISE[:, None]), across[:, -1]])
-    known = Known(np.array([0.4, -1.2]), np.array([0, 3]), np.ones(JOINTS))
+    known = Known(np.array([0.4, -1.2]), np.array([0, 3]))
     beside, others = held(model).fit(choice, NOISE).given(known), [1, 2, 4, 5]
     assert_array_equal(beside.x[known.places], known.x)
     left = b - A[:, known.places] @ known.x

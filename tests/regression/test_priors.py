@@ -470,6 +470,49 @@ def test_gains_that_agree_with_each_other_do_not_hold_the_first_off(six_axes, mo
     assert fitted().evidence < found.evidence - 100
 
 
+def test_no_step_on_the_gains_makes_them_less_likely(six_axes):
+    """Forty rows tell hardly more gains than links: towards the most probable pair of both the evidence falls."""
+    robot, arm, plan, runs = six_axes
+    in_torque = observed(plan, runs[:1], 0 * robot.phi, np.asarray(arm.noise_std), np.random.default_rng(3))
+    rows = [part[:40] for part in in_torque.joint_rows()]
+    factors = [_core.triangular_factor(part) for part in rows]
+    free, scale = np.arange(6) > 0, np.array([1.0, *[0.3] * 5])
+    prior, noise = weak_prior(plan, factors, 40, scale), np.asarray(arm.noise_std)
+    first = linear_model(plan, factors, 40, scale, prior, np.full(6, 8.0), 1e-9 * noise).fit(Choice(1.0, 1.0), noise)
+
+    def steps(step):
+        best, gains, values = first, scale, []
+        for _ in range(6):
+            values.append(best.evidence + evidence._of_gains(gains))
+            best, gains = step(best, gains)
+        return np.array(values)
+
+    def whole(best, gains):
+        improved = evidence._improved(best, plan.n_base, gains, free)
+        return evidence._at_gains(best.model, plan.n_base, improved / gains).fit(best.choice, best.noise), improved
+
+    with threadpool_limits(1):
+        chosen, unasked = steps(lambda best, gains: evidence._with_gains(best, plan.n_base, gains, free)), steps(whole)
+    assert np.diff(unasked).min() < -1
+    assert np.all(np.diff(chosen) >= 0)
+    assert chosen[-1] > max(chosen[0], unasked[-1]) + 1
+
+
+def test_gains_of_an_earlier_fit_stay_and_so_does_its_unit(six_axes):
+    robot, arm, plan, runs = six_axes
+    in_torque = observed(plan, runs[:2], 0 * robot.phi, np.asarray(arm.noise_std), np.random.default_rng(6))
+    links = {"fit_scale": True, "scale": np.array([1.0, 1.2, 0.8, 1.1, 0.9, 1.0])}
+    with threadpool_limits(1):
+        first = LinkDynamicsIdentifier().fit(in_torque, **links)
+        of = replace(first.posterior_, scale=2.0 ** np.arange(6), prior=first.posterior_.prior.in_unit(0.7))
+        held = LinkDynamicsIdentifier(gains_of=of).fit(in_torque, **links)
+        again = LinkDynamicsIdentifier(gains_of=of).fit(in_torque, **links).fit(in_torque, again=True, **links)
+    for found in (held, again):
+        np.testing.assert_array_equal(found.torque_scale_, of.scale)
+        assert found.posterior_.prior.unit == 0.7
+    assert first.posterior_.evidence > held.posterior_.evidence
+
+
 def test_without_declared_inertials_there_is_no_centre(six_axes):
     robot, _, _, runs = six_axes
     bare = RobotModel.from_urdf_string(

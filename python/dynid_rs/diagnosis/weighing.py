@@ -47,9 +47,8 @@ def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentif
     plan, places = fit.observations_.plan, np.arange(len(fit.links_.x_))
     of_their_joints = np.isin((places - plan.n_base) // plan.n_own, [j for effect in nameless for j in effect.joints])
     at = places[plan.estimable() & ~of_their_joints]
-    known = Known(fit.links_.x_[at], at, fit.links_.torque_scale_)
-    links = setup.options.get("links") or LinkDynamicsIdentifier()
-    return fitted(setup, train, friction=_shapes(found.fit), links=clone(links).set_params(known=known))
+    links = _with_gains_of(fit, setup).set_params(known=Known(fit.links_.x_[at], at))
+    return fitted(setup, train, friction=_shapes(found.fit), links=links)
 
 
 def weighed_as(
@@ -67,7 +66,7 @@ def weighed_as(
     weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. Runs of
     one motion cannot say so, for what is feared is harm elsewhere.
     """
-    links = setup.options.get("links") or LinkDynamicsIdentifier()
+    links = _with_gains_of(fit, setup)
     again = partial(fitted, setup, train, friction=_shapes(fit))
     weighed = _at_a_prior_that_harms_nobody(declared, fit, again, clone(links))
     phase, lengths = _shown(fit)
@@ -75,6 +74,12 @@ def weighed_as(
         return weighed
     now = again(links=clone(links))
     return weighed if _does_harm(declared, now, _ways(fit)) else now
+
+
+def _with_gains_of(fit: ThreeLoopIdentifier, setup: Setup) -> LinkDynamicsIdentifier:
+    """Fit of the links with the drives' gains of another fit: nothing that is weighed otherwise tells them better."""
+    links: LinkDynamicsIdentifier = clone(setup.options.get("links") or LinkDynamicsIdentifier())
+    return links.set_params(gains_of=_posterior(fit))
 
 
 def _at_a_prior_that_harms_nobody(

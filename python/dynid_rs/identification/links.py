@@ -67,6 +67,8 @@ class LinkDynamicsIdentifier(Estimator):
         How far the prior is believed, instead of what the evidence chooses.
     known : Known, optional
         Unknowns that are known already, under a prior: all others are fitted beside them.
+    gains_of : Posterior, optional
+        Earlier fit whose gains stay, under a prior.
 
     Attributes
     ----------
@@ -105,6 +107,7 @@ class LinkDynamicsIdentifier(Estimator):
         elsewhere: FloatArray | None = None,
         believed: Choice | None = None,
         known: Known | None = None,
+        gains_of: Posterior | None = None,
     ) -> None:
         self.weighting = weighting
         self.prior = prior
@@ -116,6 +119,7 @@ class LinkDynamicsIdentifier(Estimator):
         self.elsewhere = elsewhere
         self.believed = believed
         self.known = known
+        self.gains_of = gains_of
 
     def fit(
         self,
@@ -222,6 +226,7 @@ class LinkDynamicsIdentifier(Estimator):
             elsewhere=self.elsewhere,
             believed=self.believed,
             known=self.known,
+            gains_of=self.gains_of,
         )
 
     def use_posterior(

@@ -34,6 +34,8 @@ BENDS = (0.03, 0.2)
 """Sizes of friction's bends that are compared: hardly any, and a curved law's."""
 SCALE_STEPS = 4
 """Gauss-Newton steps on the gains in a round; gains ten times off are reached."""
+STEP_SIZES = (1.0, 0.3, 0.1)
+"""Parts of such a step that are tried."""
 COMMON = np.geomspace(0.1, 10.0, 41)
 """Multiples of the gains of all joints but the first that are compared, 12 % apart: steps on single gains end where
 joints agree with each other and the first one, whose misfit passes for noise, no longer counts."""
@@ -125,6 +127,7 @@ def fit_with_prior(
     elsewhere: FloatArray | None = None,
     believed: Choice | None = None,
     known: Known | None = None,
+    gains_of: Posterior | None = None,
 ) -> Posterior:
     """Fit all unknowns under the weak prior.
 
@@ -149,24 +152,28 @@ def fit_with_prior(
     believed : Choice, optional
         Width, centre and size of bends of the prior, instead of those that the evidence chooses.
     known : Known, optional
-        Unknowns that are known, and the gains: all others are fitted beside them.
+        Unknowns that are known: all others are fitted beside them.
+    gains_of : Posterior, optional
+        Earlier fit whose gains, and whose unit, stay.
     """
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
     n = plan.robot.n_joints
     size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
     least = LEAST_NOISE * size if least_noise is None else np.maximum(least_noise, LEAST_NOISE * size)
-    if known is not None:
-        free, scale = None, known.scale
-    gains = np.ones(n) if known is None and (free is None or not free.any()) else scale
+    if gains_of is not None:
+        free, scale = None, gains_of.scale
+    gains = np.ones(n) if gains_of is None and (free is None or not free.any()) else scale
     prior = weak_prior(plan, factors, n_rows, held.scale if held is not None else gains)
     widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
     choice = Choice() if believed is None else believed
     scale = np.ones(n) if scale is None else scale
     noise, n_effective = 0.1 * size, np.full(n, FIRST_MEMORY * n_rows)
     if held is not None:
-        choice, scale, noise, n_effective = held.choice, held.scale, held.noise_std, held.n_effective
+        choice, noise, n_effective = held.choice, held.noise_std, held.n_effective
+        scale = held.scale if gains_of is None else gains_of.scale
     if unknown_gain:
-        prior = prior.in_unit(held.prior.unit if held is not None else _unit(plan, factors, scale))
+        earlier = held if gains_of is None else gains_of
+        prior = prior.in_unit(earlier.prior.unit if earlier is not None else _unit(plan, factors, scale))
     chosen: list[Choice] = []
     apart = True
     for k in range(ROUNDS if held is None else 1):
@@ -180,9 +187,7 @@ def fit_with_prior(
             best = _likeliest(model, best.noise, [best.choice._replace(bends=size) for size in BENDS])
         choice = best.choice
         if free is not None and free.any():
-            for _ in range(SCALE_STEPS):
-                before, scale = scale, _improved(best, plan.n_base, scale, free)
-                best = _at_gains(best.model, plan.n_base, scale / before, prior).fit(choice, best.noise)
+            best, scale = _with_gains(best, plan.n_base, scale, free)
             if unknown_gain and held is None and apart:
                 ways = _in_common(best, plan.n_base, prior, scale, free, 0.1 * size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
@@ -265,6 +270,30 @@ def _kept_at(model: LinearModel, fit: Fit, noise: FloatArray, elsewhere: Sequenc
     return LinearModel(rows, model.places, model.prior, model.n_effective, model.least_noise, model.n_rows)
 
 
+def _with_gains(best: Fit, n_base: int, scale: FloatArray, free: NDArray[np.bool_]) -> tuple[Fit, FloatArray]:
+    """Fit and gains (n_joints,) after Gauss-Newton steps on those in `free`, as long as they are likelier.
+
+    A step is towards the most probable gains beside the most probable unknowns; the evidence has these integrated out.
+    Where runs tell little of either, one lies far from the other.
+    """
+    for _ in range(SCALE_STEPS):
+        step = np.log(_improved(best, n_base, scale, free) / scale)
+        for size in STEP_SIZES:
+            gains = scale * np.exp(size * step)
+            tried = _at_gains(best.model, n_base, gains / scale).fit(best.choice, best.noise)
+            if tried.evidence + _of_gains(gains) > best.evidence + _of_gains(scale):
+                best, scale = tried, gains
+                break
+        else:
+            break
+    return best, scale
+
+
+def _of_gains(scale: FloatArray) -> float:
+    """Logarithm of how probable gains (n_joints,) are beforehand, up to a constant."""
+    return -0.5 * float(np.sum((np.log(scale) / SCALE_SPREAD) ** 2))
+
+
 def _improved(fit: Fit, n_base: int, scale: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
     """One Gauss-Newton step on the gains (n_joints,) of the joints in `free`, beside all other unknowns of `fit`.
 
@@ -297,14 +326,14 @@ def _in_common(
     return zip(ends, priors, [ratio * scale for ratio in ratios], strict=True)
 
 
-def _at_gains(model: LinearModel, n_base: int, ratio: FloatArray, prior: WeakPrior) -> LinearModel:
-    """Return a model whose gains are multiples (n_joints,) of what they are, under a prior."""
+def _at_gains(model: LinearModel, n_base: int, ratio: FloatArray, prior: WeakPrior | None = None) -> LinearModel:
+    """Return a model whose gains are multiples (n_joints,) of what they are, under another prior if one is given."""
     rows, grams = [], []
     for r, part, gram, at in zip(ratio, model.rows, model.grams, model.places, strict=True):
         units = np.append(np.where(at < n_base, r, 1.0), 1.0)
         rows.append(part * units)
         grams.append(gram * np.outer(units, units))
-    return replace(model, rows=rows, grams=grams, prior=prior)
+    return replace(model, rows=rows, grams=grams, prior=model.prior if prior is None else prior)
 
 
 def linear_model(

@@ -55,11 +55,10 @@ class Choice(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Unknowns that are known: `x` (n,) at `places` (n,), and the gains `scale` (n_joints,) that they go with."""
+    """Unknowns that are known: `x` (n,) at `places` (n,)."""
 
     x: FloatArray
     places: NDArray[np.intp]
-    scale: FloatArray
 
 
 class Prior(Protocol):
