@@ -277,9 +277,9 @@ def _with_gains(best: Fit, n_base: int, scale: FloatArray, free: NDArray[np.bool
     Where runs tell little of either, one lies far from the other.
     """
     for _ in range(SCALE_STEPS):
-        step = np.log(_improved(best, n_base, scale, free) / scale)
+        ratio = _improved(best, n_base, scale, free) / scale
         for size in STEP_SIZES:
-            gains = scale * np.exp(size * step)
+            gains = scale * ratio**size
             tried = _at_gains(best.model, n_base, gains / scale).fit(best.choice, best.noise)
             if tried.evidence + _of_gains(gains) > best.evidence + _of_gains(scale):
                 best, scale = tried, gains
