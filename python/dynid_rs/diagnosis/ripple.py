@@ -99,21 +99,23 @@ def measured_beside(
     measured = []
     for j, q, e in _left(setup, fit, train):
         own = [family for family in families if family.joint == j]
-        if own:
-            torque = [_columns(q, family.orders.tolist()) @ family.coefficients.ravel() for family in own]
-            measured += [
-                _family(j, q, e + its, [Line(order, family.log_odds) for order in family.orders.tolist()])
-                for family, its in zip(own, torque, strict=True)
-            ]
+        torque = [_columns(q, family.orders.tolist()) @ family.coefficients.ravel() for family in own]
+        measured += [
+            _family(j, q, e - sum(torque) + its, [Line(order, family.log_odds) for order in family.orders.tolist()])
+            for family, its in zip(own, torque, strict=True)
+        ]
     return measured
 
 
 def _left(
     setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Every turning joint, its angle and what `fit` leaves of its torque while it moves, all runs after each other."""
-    delay = setup.torque_delay
-    residuals = [run.less_torque_delay(delay).tau - fit.predict(run, torque_delay=delay) for run in train]
+    """Every turning joint, its angle and what `fit` leaves of its torque while it moves, all runs after each other.
+
+    What is held is left too: on the grid of a prediction its fast cycles are not what they are at the stamps.
+    """
+    delay, bare = setup.torque_delay, fit.without_held()
+    residuals = [run.less_torque_delay(delay).tau - bare.predict(run, torque_delay=delay) for run in train]
     moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in train]
     for j, kind in enumerate(setup.robot.joint_kinds):
         if kind != "revolute":

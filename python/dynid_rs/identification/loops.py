@@ -27,7 +27,7 @@ from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, sign_by_way
 from dynid_rs.identification.training import TrainingData
 from dynid_rs.model.assembly import Regressions, assemble, evaluate
-from dynid_rs.model.known import less_known
+from dynid_rs.model.known import KnownTerm, less_known
 from dynid_rs.model.placed import PlacedEffect, effects_of
 from dynid_rs.regression.columns import Observations, Plan, make_plan, observe
 from dynid_rs.regression.evaluation import rmse as rms
@@ -228,8 +228,9 @@ class Loops:
         links: LinkDynamicsIdentifier,
         own: FloatArray,
         third_loop: tuple[str, Regressions, FloatArray] | None = None,
+        known: Sequence[KnownTerm] | None = None,
     ) -> _core.TorqueModel:
-        """Model of fitted numbers on this data's clock, in its unit, with its known terms."""
+        """Model of fitted numbers on this data's clock, in its unit, with its known terms or others."""
         return assemble(
             plan,
             links,
@@ -241,7 +242,7 @@ class Loops:
             torque_unit=self.data.torque_unit,
             band=(self.data.band.cutoff, self.data.rate, self.data.standstill),
             third_loop=third_loop,
-            known=self.data.known,
+            known=self.data.known if known is None else known,
         )
 
     def _without_third_loop(self) -> Observations:

@@ -282,6 +282,13 @@ class ThreeLoopIdentifier(RunRegressor):
         two.residual_, two._covariance = None, None
         return two
 
+    def without_held(self) -> ThreeLoopIdentifier:
+        """Return the fit of two loops whose model lacks what is `held`, which was taken off the torque all the same."""
+        check_is_fitted(self, "model_")
+        bare = copy(self)
+        bare.model_ = self.loops_.model(self.observations_.plan, self.links_, self.links_.own_, known=self.known_)
+        return bare
+
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
 
