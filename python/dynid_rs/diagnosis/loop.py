@@ -22,7 +22,7 @@ from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.examination import examine
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue
-from dynid_rs.diagnosis.misfit import ended, nameless, of_the_angle, unsettled
+from dynid_rs.diagnosis.misfit import ended, nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
 from dynid_rs.diagnosis.outcome import Diagnosis
@@ -142,7 +142,7 @@ def _traced(
     contests = weigh_rivals(found)
     left_open = open_questions(found, contests)
     without_name = nameless(found, contests)
-    found.setup = ended(found.setup, {*without_name, *unsettled(found)}, found.fit.model_.domain[0])
+    found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         settled = False
         while not settled:  # each time a joint more is silent

@@ -16,9 +16,8 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
-from dynid_rs.diagnosis.rivals import Contest, is_one_or_another, valued
+from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place, Shaped
 from dynid_rs.diagnosis.waves import SMOOTHER, Argument, same_angles, smoother, waves
@@ -96,7 +95,8 @@ def ended(setup: Setup, found: Collection[Place], angles: Sequence[Sequence[floa
     """Return the setup with functions of an angle at places that were `found` ending where they were learned.
 
     `angles` (n_joints, 2) of the training runs: beyond them such a function keeps its value, for it is no law that says
-    more. A name that is told is one, and says the same at every angle.
+    more. A law says the same at every angle, whichever of two it is and however large: the links are fitted beside it,
+    and what it has in common with gravity is in both of them, there as here.
     """
     nameless_of_angle = {place for place in found if _is_of_the_angle(place[0])}
     effects = [
@@ -104,24 +104,6 @@ def ended(setup: Setup, found: Collection[Place], angles: Sequence[Sequence[floa
         for effect in setup.effects
     ]
     return replace(setup, effects=tuple(effects))
-
-
-def unsettled(belief: Belief) -> set[Place]:
-    """Places of functions of an angle that are no law beyond the runs' angles, name or not.
-
-    They may be one kind or another, or their size may be none with all shapes unknown together: what their form says
-    where no run was, the data do not.
-    """
-    places = {(e.kind, e.joints) for e in belief.setup.effects if _is_of_the_angle(e.kind)} & belief.named.keys()
-    known = estimates(belief) if places else {}
-    return {p for p in places if is_one_or_another(p, belief.named[p]) or not _has_size(p[0], known[p])}
-
-
-def _has_size(kind: str, known: Sequence[Estimate]) -> bool:
-    """Whether some coefficient of a kind is other than zero at 95 %."""
-    names = {coefficient["name"] for coefficient in CATALOGUE[kind]["coefficients"]}
-    intervals = [estimate.interval for estimate in known if estimate.name in names]
-    return any(interval is not None and interval[0] * interval[1] > 0 for interval in intervals)
 
 
 def _is_of_the_angle(kind: str) -> bool:
