@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import re
-import weakref
 
 import numpy as np
 import pytest
@@ -18,7 +16,6 @@ from dynid_rs.model.inertials import inertial_findings
 from dynid_rs.runs.checks import check_recording
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
 from dynid_rs.runs.facts import check_training_runs
-from dynid_rs.runs.given import as_recordings
 from dynid_rs.sensors import channel_errors
 
 NEW = {"torque_spike", "torque_beyond_effort", "sampling_rate", "absurd_value"}
@@ -472,36 +469,6 @@ def test_python_says_what_commands_say(tmp_path):
     runs = [dyn.read_recording(path) for path in written(tmp_path, exchanged, bad=(0, 1, 2))]
     assert not any(finding.severity == "error" for finding in dyn.inspect(runs))
     assert "torque_swapped" in [finding.code for finding in dyn.inspect(runs, robot)]
-
-
-def test_python_leaves_a_late_velocity_out_as_commands_do(tmp_path):
-    """Said once of a run, of each joint with how late it is; the fit is that of the run without."""
-
-    def late(columns):
-        for k in range(3):
-            dq = np.gradient(columns[f"q_{k}"], columns["t"])
-            columns[f"dq_{k}"] = np.concatenate([np.full(10, dq[0]), dq[:-10]])
-
-    robot = dyn.RobotModel.from_urdf(write_robot(tmp_path))
-    run = dyn.read_recording(written(tmp_path, late)[1])
-    fresh = dyn.ThreeLoopIdentifier(robot, residual=None)
-    with pytest.warns(dyn.DamageWarning, match=r"dq_\d .* dq is not used"):
-        found = fresh.fit(run).links_.x_
-    again = dyn.ThreeLoopIdentifier(robot, residual=None).fit(run)  # no second warning
-    np.testing.assert_array_equal(again.links_.x_, found)
-    without = dyn.ThreeLoopIdentifier(robot, residual=None).fit(run.without("dq"))
-    np.testing.assert_array_equal(without.links_.x_, found)
-    np.testing.assert_array_equal(again.states(run).dq, without.states(run.without("dq")).dq)
-    assert "dq_disagrees" in [finding.code for finding in dyn.inspect(run)]
-
-
-def test_a_run_that_was_looked_at_is_let_go(tmp_path):
-    read = dyn.read_recording(write_runs(tmp_path, n_runs=1)[0])
-    assert as_recordings([read]) == [read]
-    gone = weakref.ref(read)
-    del read
-    gc.collect()
-    assert gone() is None
 
 
 def test_a_block_that_is_written_twice_is_said_of_the_run_and_not_of_two(tmp_path):

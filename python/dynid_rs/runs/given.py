@@ -77,7 +77,7 @@ def as_recordings(
 def as_given(
     runs: Runs, robot: Robot = None, config: Rules = None, *, require_torque: bool = True, as_recorded: bool = False
 ) -> list[Given]:
-    """`as_recordings` thing by thing; torque is not looked at where it is not required, and zero in the recordings."""
+    """`as_recordings` thing by thing, in its arguments; torque that is not required is not looked at, and is zero."""
     given = _as_given(runs, robot, config, require_torque)
     return given if as_recorded else [replace(one, recordings=tuple(map(_believed, one.recordings))) for one in given]
 
