@@ -103,3 +103,9 @@ def test_beforehand_one_joint_tells_what_the_other_feels_but_for_a_tenth(gains):
     share = abs(RATIO) * gains[WRIST] / gains[ELBOW]
     assert covariance[0, 1] / covariance[0, 0] == pytest.approx(share)
     assert covariance[1, 1] == pytest.approx(covariance[0, 0] * share**2 * (1 + REACTION**2))
+
+
+def test_friction_under_load_is_sought_on_an_upright_axis_too():
+    """Its gear carries inertia alone."""
+    places = {(s.kind, s.joints) for s in Belief.in_declared(Setup(ROBOT), measured(n_runs=2)).catalogue.grid}
+    assert {("load_dependent_friction", (j,)) for j in range(3)} <= places

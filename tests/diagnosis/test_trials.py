@@ -22,7 +22,6 @@ from dynid_rs.diagnosis.trials import (
     blocks,
     chance_of,
     evidence,
-    is_alone,
     is_stable,
     shows_everywhere,
     whole_runs,
@@ -91,9 +90,6 @@ def test_what_returns_is_left_out_together():
     first, second = whole_runs(shown, [2, 2, 2, 2])
     np.testing.assert_array_equal(first, shown < 10)
     np.testing.assert_array_equal(second, shown >= 10)
-    assert is_alone(phase, [6, 6])
-    assert is_alone(phase, [12])
-    assert not is_alone(shown, [2, 2, 2, 2])
 
 
 def test_worse_is_worse_than_one_chance_in_six():
@@ -147,7 +143,7 @@ def test_of_names_that_are_none_one_in_six_shows():
 def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():
     """Beside a hysteresis that friction's shapes do not know of yet, what is left looks like the next effect."""
     belief = Belief.in_declared(Setup(ROBOT), measured("friction_hysteresis:wrist:3"))
-    found, _ = forward(belief)
+    found = forward(belief)
     assert [named.hypothesis.place for named in found] == [("friction_hysteresis", (2,))]
 
 
@@ -157,7 +153,7 @@ def test_a_delay_of_a_part_of_a_sample_is_told():
     runs = recorded(arm, duration=12.0, n_runs=2, rate=50.0)
     late = [replace(run, tau=np.stack([np.interp(run.t - 0.001, run.t, x) for x in run.tau.T], axis=1)) for run in runs]
     belief = Belief.in_declared(Setup(ROBOT), late)
-    ((named,), _) = forward(belief)
+    (named,) = forward(belief)
     assert named.hypothesis.kind == "torque_delay"
 
 
@@ -258,7 +254,7 @@ def test_what_changes_while_a_motion_returns_is_left_out_by_time(monkeypatch, ki
     monkeypatch.setattr(holding, "helps", lambda *given: asked.extend(given[3:]))
     belief = SimpleNamespace(phase=np.tile(np.arange(24), 2), run_lengths=[48], reach=lambda _: [0])
     tried = SimpleNamespace(hypothesis=SimpleNamespace(kind=kind), columns={})
-    assert not holding.holds(belief, SimpleNamespace(with_columns=lambda _: None), tried, [], 0.0)
+    assert not holding.holds(belief, SimpleNamespace(with_columns=lambda _: None), tried, [])
     parts, thirds = asked
     for left_out in (*parts, *thirds):
         assert np.all(left_out[:24] == left_out[24:]) != by_time

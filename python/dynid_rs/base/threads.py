@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from typing import TypeVar
 
@@ -43,6 +42,8 @@ def side_by_side(work: Callable[[Item], Answer], items: Iterable[Item]) -> list[
     For work that is mostly the compiled module's or numpy's, which other threads need not wait for. What an item's work
     changes, no other one's may see: then the answers are the same on any number of threads.
     """
+    from concurrent.futures import ThreadPoolExecutor  # with what it brings along a tenth of `dynid --help`
+
     items = list(items)
     n_threads = min(len(items), _n_threads())
     if n_threads < 2 or _BESIDE_OTHERS.get():

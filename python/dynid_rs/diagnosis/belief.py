@@ -218,15 +218,6 @@ class Belief:
         self.refit()
         self.steps.append(("dropped", place, self.left))
 
-    def exchange(self, place: Place, h: Hypothesis, log_odds: float) -> None:
-        """Put another kind in the place of a torque's; the fit is not made again."""
-        new = Shaped(h.kind, h.joints, h.shape).placed()
-        effects = [new if (e.kind, e.joints) == place else e for e in self.setup.effects]
-        self.setup = replace(self.setup, effects=tuple(effects))
-        self.named.pop(place, None)
-        self.named[h.place] = Named(h, log_odds)
-        self.steps += [("dropped", place, self.left), ("added", h.place, self.left)]
-
     def merge(self, places: Sequence[Place], h: Hypothesis, log_odds: float) -> None:
         """Put one torque in the place of several, and fit everything again."""
         kept = [e for e in self.setup.effects if (e.kind, e.joints) not in places]

@@ -10,7 +10,7 @@ no name passes alone, two that hide each other are asked together (`hidden.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -19,18 +19,17 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hidden import hidden
 from dynid_rs.diagnosis.holding import holds, shares
 from dynid_rs.diagnosis.one_clock import share_a_clock
 from dynid_rs.diagnosis.open_questions import OpenQuestions
-from dynid_rs.diagnosis.rivals import contest, is_one_cause
+from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup, believed
 from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless, sized
 from dynid_rs.diagnosis.structural import REFITTED
-from dynid_rs.diagnosis.trials import Asked, Value, blocks, evidence, helps, is_stable, whole_runs
+from dynid_rs.diagnosis.trials import Value, blocks, evidence, helps, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -72,16 +71,10 @@ def search(
     return belief
 
 
-def look(belief: Belief, on_progress: Callable[[str], None], *, once_more: bool = False) -> None:
-    """Find what is missing beside what is believed already.
-
-    `once_more`: names and their shapes have settled, and stay as they are where nothing is missing and no name goes.
-    """
-    believed_before = set(belief.named)
+def look(belief: Belief, on_progress: Callable[[str], None]) -> None:
+    """Find what is missing beside what is believed already."""
     name(belief, on_progress)
-    if once_more and set(belief.named) == believed_before and not backward(belief, SURE):
-        return
-    if exchange(belief) | merge(belief):
+    if merge(belief):
         backward(belief)
         name(belief, on_progress)  # beside another kind another one may be missing
     settle(belief)
@@ -95,19 +88,18 @@ def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
     refused: set[Place] = set()
     for _ in range(MOST_ROUNDS):
         on_progress(f"{len(belief.named)} effects so far" if belief.named else "looking for effects")
-        found, asked = forward(belief, refused)
-        pair = [] if found else hidden(belief, asked)
-        if not (found or pair):
+        found = forward(belief, refused)
+        if not found:
             return
-        found = accept(belief, found or pair, refused, together=bool(pair))
+        found = accept(belief, found, refused)
         share_a_clock(belief)
         dropped = backward(belief)
         if found and {named.hypothesis.place for named in found} <= dropped:
             return  # all that was added is gone again: the next round would only do the same
 
 
-def accept(belief: Belief, found: list[Named], refused: set[Place], *, together: bool = False) -> list[Named]:
-    """Believe names, `together` all of them or none; which those were.
+def accept(belief: Belief, found: list[Named], refused: set[Place]) -> list[Named]:
+    """Believe names; which those were.
 
     A change of structure is linear near what it changes only: changes after which the data are less probable are
     `refused`.
@@ -119,36 +111,33 @@ def accept(belief: Belief, found: list[Named], refused: set[Place], *, together:
         return found
     belief.restore(before)
     refused |= {named.hypothesis.place for named in moved}
-    found = [] if together else [named for named in found if named not in moved]
+    found = [named for named in found if named not in moved]
     if found:
         belief.accept(found)
     return found
 
 
-def forward(belief: Belief, never: Collection[Place] = ()) -> tuple[list[Named], Asked]:
-    """Names that pass, one after the other, each beside those before it; none of `never`.
-
-    Also what was asked last, of which none passed.
-    """
+def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
+    """Names that pass, one after the other, each beside those before it; none of `never`."""
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
     beside, log_places = belief.beside, float(np.log(belief.n_sought(open_)))
+    need = SURE + log_places  # of a name at posterior odds of 19 to 1
     found: list[Named] = []
     doubted = set[Place]()
     while True:
         values, open_ = evidence(beside, open_, belief.catalogue)
-        asked = Asked(values, open_, log_places)
-        best = _first_to_hold(belief, beside, asked, doubted) if len(found) < MOST_A_ROUND else None
+        best = _first_to_hold(belief, beside, values, need, doubted) if len(found) < MOST_A_ROUND else None
         if best is None:
-            return found, asked
-        named, rivals = best.hypothesis, _rivals(asked, best)
-        told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > asked.need}
+            return found
+        named, rivals = best.hypothesis, _rivals(values, best)
+        told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
         before, beside = beside.best, beside.with_columns(best.columns)
         settled = beside.best.noise > FALLEN * before.noise
         if named.kind in REFITTED:
             settled[list(named.columns)] = False
         if told:
             still = {v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals}
-            told = {p: d for p, d in told.items() if still[p] < asked.need}
+            told = {p: d for p, d in told.items() if still[p] < need}
         ties = tuple((p, d) for p, d in told.items() if d > -SURE)
         others = tuple((p, d) for p, d in told.items() if d <= -SURE)
         found.append(Named(named, best.value - log_places, ties, refuted=others))
@@ -156,49 +145,32 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> tuple[list[Named],
         open_ = [h for h in open_ if h.place not in gone and all(settled[j] for j in h.columns)]
 
 
-def _first_to_hold(belief: Belief, beside: Beside, asked: Asked, doubted: set[Place]) -> Value | None:
+def _first_to_hold(
+    belief: Belief, beside: Beside, values: Mapping[Place, Value], need: float, doubted: set[Place]
+) -> Value | None:
     """Return the most probable name that passes and holds, in its own shape; `doubted` are those that do not hold."""
-    passing = [v for v in asked.values.values() if v.value > asked.need and v.hypothesis.place not in doubted]
+    passing = [v for v in values.values() if v.value > need and v.hypothesis.place not in doubted]
     for best in sorted(passing, key=lambda v: -v.value):
-        unlike = [v for v in _rivals(asked, best) if not is_one_cause(best.hypothesis.kind, v.hypothesis.kind)]
+        # Either of two ties may come first in a half; which it is stays open.
+        unlike = [
+            v
+            for v in _rivals(values, best)
+            if v.value < best.value - SURE and not is_one_cause(best.hypothesis.kind, v.hypothesis.kind)
+        ]
         # Its own shape: what a grid's leaves of an effect looks like the next one.
         shaped = polished(beside, belief.catalogue, best.hypothesis)
         own = replace(best, hypothesis=shaped, columns=beside.evidence_for(shaped)[1])
         # A grid's shape that is not quite the effect's holds on fewer parts, the likeliest one where little tells it.
-        if any(holds(belief, beside, tried, unlike, asked.need) for tried in (best, own)):
+        if any(holds(belief, beside, tried, unlike) for tried in (best, own)):
             return own
         doubted.add(best.hypothesis.place)
     return None
 
 
-def _rivals(asked: Asked, best: Value) -> list[Value]:
+def _rivals(values: Mapping[Place, Value], best: Value) -> list[Value]:
     """What may be the cause in its place: what acts on one of its joints."""
     place = best.hypothesis.place
-    return [v for v in asked.values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
-
-
-def exchange(belief: Belief) -> bool:
-    """Other kinds in the place of every torque's, each beside all others: names that came early had fewer beside them.
-
-    Whether something was exchanged.
-    """
-    parts, runs, changed = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths), False
-    for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
-        against = contest(belief, effect, places)
-        own, others = against.own, against.beside
-        best = max(against.rivals.values(), key=lambda value: value.value, default=own)
-        if best.value < own.value + SURE:
-            continue
-        before, after = others.with_columns(own.columns), others.with_columns(best.columns)
-        rivals = [v for v in against.rivals.values() if v is not best]
-        holds = helps(before, after, belief.reach(best.hypothesis), parts, runs)
-        if holds and is_stable(others, best, rivals, parts):
-            place = own.hypothesis.place
-            belief.exchange(place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
-            changed = True
-    if changed:
-        belief.refit()
-    return changed
+    return [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
 
 
 def merge(belief: Belief) -> bool:

@@ -53,20 +53,6 @@ class Value:
     columns: Columns
 
 
-@dataclass(frozen=True, eq=False)
-class Asked:
-    """What was asked beside one model: evidence by place, what may yet pass, and of how many places' logarithm."""
-
-    values: dict[Place, Value]
-    open_: list[Hypothesis]
-    log_places: float
-
-    @property
-    def need(self) -> float:
-        """Evidence of a name at posterior odds of 19 to 1."""
-        return SURE + self.log_places
-
-
 def evidence(
     beside: Beside, hypotheses: Sequence[Hypothesis], catalogue: Catalogue
 ) -> tuple[dict[Place, Value], list[Hypothesis]]:
@@ -127,23 +113,12 @@ def whole_runs(phase: IntArray, lengths: Sequence[int]) -> list[BoolArray]:
 
     Runs that show each other's motion are one.
     """
-    of_run = _motions(phase, lengths)
-    several = np.unique(of_run)
-    return [of_run == run for run in several] if len(several) > 1 else blocks(phase, THIRDS)
-
-
-def is_alone(phase: IntArray, lengths: Sequence[int]) -> bool:
-    """Whether all runs are one motion."""
-    return len(np.unique(_motions(phase, lengths))) == 1
-
-
-def _motions(phase: IntArray, lengths: Sequence[int]) -> IntArray:
-    """Run whose motion every row shows, (n_rows,): the first of those that show each other's."""
     of_run = np.repeat(np.arange(len(lengths)), lengths)
     for run in range(len(lengths)):
         alike = np.unique(of_run[np.isin(phase, phase[of_run == run])])
         of_run[np.isin(of_run, alike)] = min(alike, default=run)
-    return of_run
+    several = np.unique(of_run)
+    return [of_run == run for run in several] if len(several) > 1 else blocks(phase, THIRDS)
 
 
 def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:
