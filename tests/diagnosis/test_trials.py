@@ -50,7 +50,7 @@ def test_a_large_effect_does_not_hide_behind_its_own_memory(monkeypatch, wish, h
 def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
     """On few rows the screening's noise, which is the effect's own, would refute it."""
     belief = Belief.in_declared(Setup(ROBOT), measured("position_dependent_friction:elbow:5", duration=8.0, n_runs=1))
-    values, _ = evidence(belief.beside, belief.hypotheses(), belief.catalogue)
+    values, _ = evidence(belief.beside, belief.hypotheses())
     best = max(values.values(), key=lambda value: value.value)
     assert best.hypothesis.place == ("position_dependent_friction", (1,))
     rivals = [value for value in values.values() if value is not best]
@@ -157,15 +157,15 @@ def test_a_delay_of_a_part_of_a_sample_is_told():
     assert named.hypothesis.kind == "torque_delay"
 
 
-def test_what_is_asked_twice_beside_the_same_has_the_same_answer():
-    """A shape between those of the grid is sought once, and counts each time."""
-    belief = Belief.in_declared(Setup(ROBOT), measured("stribeck:elbow:0.5", duration=8.0, n_runs=1))
-    open_ = belief.hypotheses()
-    first, again = (evidence(belief.beside, open_, belief.catalogue)[0] for _ in range(2))
-    assert belief.catalogue.finer
-    assert {place: value.value for place, value in first.items()} == {
-        place: value.value for place, value in again.items()
-    }
+def test_what_is_no_more_probable_than_nothing_is_not_looked_at(monkeypatch):
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    hypotheses = belief.hypotheses()
+    seen = hypotheses[0].place
+    scores = [Score(1.0 if h.place == seen else -0.1, 1.0) for h in hypotheses]
+    monkeypatch.setattr(Beside, "screened_and_hoped_for", lambda *_: (scores, [score.value for score in scores]))
+    values, kept = evidence(belief.beside, hypotheses)
+    assert set(values) == {seen}
+    assert kept == hypotheses
 
 
 @pytest.mark.parametrize("cycles", [5.0, 10.0])
@@ -232,7 +232,7 @@ def test_a_place_that_its_memory_hides_is_looked_at(monkeypatch):
 
     monkeypatch.setattr(Beside, "screened_and_hoped_for", both)
     monkeypatch.setattr(Beside, "evidence_for", lambda self, h: (-50.0, {}))
-    values, kept = evidence(belief.beside, hypotheses, belief.catalogue)
+    values, kept = evidence(belief.beside, hypotheses)
     assert hidden in values
     assert {h.place for h in kept} == {hidden}
 

@@ -95,7 +95,6 @@ class Catalogue:
     fit: ThreeLoopIdentifier
     before: Catalogue | None = None
     runs: list[States] = field(init=False)
-    finer: dict[Place, Hypothesis] = field(init=False, default_factory=dict)
     _columns: dict[Shaped, Columns] = field(init=False, default_factory=dict)
     _units: dict[Shaped, FloatArray] = field(init=False, default_factory=dict)
 

@@ -244,7 +244,7 @@ def _edges(
     Also the hypotheses at all places that the runs do not speak against.
     """
     ties = {other for named in belief.named.values() for other, _ in named.ties}
-    values, may_pass = evidence(belief.beside, [h for h in open_ if h.place not in ties], belief.catalogue)
+    values, may_pass = evidence(belief.beside, [h for h in open_ if h.place not in ties])
     odds = [(value, value.value - log_places) for value in values.values()]
     # What is likely and yet has no name did not hold on parts of the data: as likely as not.
     edges = [(value, min(own, 0.0)) for value, own in odds if own > -SURE or value.value > 0]

@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
 from dynid_rs.diagnosis.shapes import polished
-from dynid_rs.diagnosis.trials import WITHIN_REACH, Value, evidence
+from dynid_rs.diagnosis.trials import Value, evidence
 from dynid_rs.diagnosis.waves import SIZES
 from dynid_rs.excitation.named import NamedEffect
 from dynid_rs.excitation.separation import Separation
@@ -31,6 +31,8 @@ from dynid_rs.regression.linear_model import sign_cost
 
 SOME_SECONDS = 10.0
 """Length of the motion along which two places of a kind are compared: whatever is enough for some periods of it."""
+WITHIN_REACH = 10.0
+"""Nats within which a shape between the grid's may decide between a torque and a rival."""
 LIMITS = {"load_dependent_friction": "load_hysteresis"}
 """Kinds that are others with a length of nothing: the same cause, and where the two are ties, no other one."""
 
@@ -50,7 +52,7 @@ def contest(belief: Belief, effect: PlacedEffect, columns: Sequence[tuple[int, i
     (h,) = catalogue.of([shaped_as(effect)])
     own = valued(beside, catalogue, h)
     here = [s for s in catalogue.grid if _competes(s, h) and (s.kind, s.joints) not in belief.named]
-    rivals, _ = evidence(beside, catalogue.of(here), catalogue)
+    rivals, _ = evidence(beside, catalogue.of(here))
     for place, rival in rivals.items():
         if abs(rival.value - own.value) < WITHIN_REACH:  # so near that the gaps of the grid could decide
             rivals[place] = valued(beside, catalogue, polished(beside, catalogue, rival.hypothesis))

@@ -125,7 +125,7 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     found: list[Named] = []
     doubted = set[Place]()
     while True:
-        values, open_ = evidence(beside, open_, belief.catalogue)
+        values, open_ = evidence(beside, open_)
         best = _first_to_hold(belief, beside, values, need, doubted) if len(found) < MOST_A_ROUND else None
         if best is None:
             return found
@@ -191,7 +191,7 @@ def merge(belief: Belief) -> bool:
         both = value + others.with_columns(columns).evidence_for(second)[0]
         taken = belief.named.keys() - set(now)  # one of the two, in another shape, may do for both
         here = [s for s in belief.catalogue.grid if s.joints == one.joints and (s.kind, s.joints) not in taken]
-        values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
+        values, _ = evidence(others, belief.catalogue.of(here))
         best = max(values.values(), key=lambda value: value.value, default=None)
         if best is None:
             continue

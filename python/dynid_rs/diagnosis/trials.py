@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from dynid_rs.base.odds import SURE
 from dynid_rs.base.threads import side_by_side
 from dynid_rs.diagnosis.beside import Beside, places_of
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
+from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.shaped import Place
-from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.regression.linear_model import Columns
 
 BoolArray = NDArray[np.bool_]
@@ -39,9 +38,8 @@ LEAST_GAIN = 0.03
 SHORTLIST, HOPED_FOR = 12, 4
 """Places whose evidence is computed with the noise estimated anew in a step: those that screening puts first, and those
 that it would if rows were independent."""
-HOPELESS, WITHIN_REACH = -2.0, 10.0
-"""Evidence below which a place is not looked at in a finer shape, nor, were its rows independent, again in a round; and
-nats within which a finer shape may decide: from below it would have to be e^8 times as likely as the grid's to pass."""
+HOPELESS = -2.0
+"""Evidence, were its rows independent, below which a place is not looked at again in a round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,52 +51,38 @@ class Value:
     columns: Columns
 
 
-def evidence(
-    beside: Beside, hypotheses: Sequence[Hypothesis], catalogue: Catalogue
-) -> tuple[dict[Place, Value], list[Hypothesis]]:
+def evidence(beside: Beside, hypotheses: Sequence[Hypothesis]) -> tuple[dict[Place, Value], list[Hypothesis]]:
     """Logarithm of the Bayes factor of the places that screening puts first, averaged over their shapes.
 
-    Also the hypotheses of all places that are not hopeless: those that may yet pass beside what is named next.
+    Those alone that screening finds more probable than nothing. Also the hypotheses of all places that are not
+    hopeless: those that may yet pass beside what is named next.
     """
     scores, hopes = beside.screened_and_hoped_for(hypotheses) if hypotheses else ([], [])
     screened, hoped = np.array([score.value for score in scores]), np.array(hopes)
     places = places_of(hypotheses)
     asked: dict[Place, list[FloatArray]] = {}
     for scored, n_places in ((screened, SHORTLIST), (hoped, HOPED_FOR)):
-        for place in sorted(places, key=lambda place: -float(scored[places[place]].max()))[:n_places]:
-            asked.setdefault(place, []).append(scored)
+        best = {place: float(scored[at].max()) for place, at in places.items()}
+        for place in sorted(places, key=lambda place: -best[place])[:n_places]:
+            if best[place] > 0:
+                asked.setdefault(place, []).append(scored)
 
-    def likelier(place: Place) -> Value | None:
-        found = [_averaged(beside, hypotheses, scored, places[place], catalogue) for scored in asked[place]]
-        return max((value for value in found if value is not None), key=lambda value: value.value, default=None)
+    def likeliest(place: Place) -> Value:
+        found = [_averaged(beside, hypotheses, scored, places[place]) for scored in asked[place]]
+        return max(found, key=lambda value: value.value)
 
-    found = zip(asked, side_by_side(likelier, asked), strict=True)
-    values = {place: value for place, value in found if value is not None}
+    values = dict(zip(asked, side_by_side(likeliest, asked), strict=True))
     kept = {place for place, at in places.items() if hoped[at].max() > HOPELESS}
     return values, [h for h in hypotheses if h.place in kept]
 
 
-def _averaged(
-    beside: Beside, hypotheses: Sequence[Hypothesis], scores: FloatArray, at: Sequence[int], catalogue: Catalogue
-) -> Value | None:
+def _averaged(beside: Beside, hypotheses: Sequence[Hypothesis], scores: FloatArray, at: Sequence[int]) -> Value:
     """Evidence of the place with the hypotheses `at`, averaged over its shapes, the best of which `scores` tell."""
     from scipy.special import logsumexp
 
     best = at[int(np.argmax(scores[at]))]
-    if not np.isfinite(scores[best]):
-        return None
     value, columns = beside.evidence_for(hypotheses[best])
-    averaged = Value(value + float(logsumexp(scores[at] - scores[best]) - np.log(len(at))), hypotheses[best], columns)
-    place = hypotheses[best].place
-    if len(at) > 1 and HOPELESS < averaged.value < WITHIN_REACH:
-        # A grid may miss a narrow best; one shape of so many is then its price. It is sought once, and asked again.
-        if place not in catalogue.finer:
-            catalogue.finer[place] = polished(beside, catalogue, hypotheses[best])
-        finer = catalogue.finer[place]
-        value, columns = beside.evidence_for(finer)
-        if value - float(np.log(len(at))) > averaged.value:
-            return Value(value - float(np.log(len(at))), finer, columns)
-    return averaged
+    return Value(value + float(logsumexp(scores[at] - scores[best]) - np.log(len(at))), hypotheses[best], columns)
 
 
 def blocks(phase: IntArray, n: int = N_BLOCKS) -> list[BoolArray]:
