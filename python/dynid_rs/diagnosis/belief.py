@@ -177,10 +177,11 @@ class Belief:
         self.refit()
 
     def believe_mounting(self, odds: float) -> None:
-        """Name the mounting that the search began with; its angles stand in the setup's robot."""
+        """Name the mounting that the search begins with, and turn it to where it is likeliest."""
         (h,) = structural_hypotheses(self.fit, self.setup, ["gravity_tilt"])
         self.named[h.place] = Named(h, odds)
         self.mounting = h.place
+        self.refit()
 
     def adopt(self, setup: Setup, odds: Mapping[Place, float]) -> None:
         """Believe what an earlier diagnosis named, each with its logarithmic odds, and fit everything again."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
@@ -27,6 +28,8 @@ from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 
+STEP = 1e-6
+"""Change [rad, m, s] along which what is told of a structure is a straight line."""
 CYCLES = "1/turn"
 """Unit of shapes that count."""
 WIDTHS, SHARPNESSES = (0.5, 1.0, 2.0), (1.0, 2.0, 4.0)
@@ -66,11 +69,11 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
                 known[place].append(_shape(effect, slope.name, float(std[at])))
                 at += 1
     for h in structural:
-        spread = std[at : at + len(h.unit)] * h.unit
         values = value_of(setup, h.kind, h.joints)
+        halves = NORMAL_95 * _spread_of_value(setup, h, std[at : at + len(h.unit)] * h.unit)
         known[h.place] = [
             Estimate(name, h.joints[0], float(value), (float(value - half), float(value + half)), unit)
-            for name, value, unit, half in zip(h.names, values, h.units, NORMAL_95 * spread, strict=False)
+            for name, value, unit, half in zip(h.names, values, h.units, halves, strict=False)
         ]
         at += len(h.unit)
     for place in found.named:
@@ -114,6 +117,18 @@ def _spread(found: Belief, slopes: Sequence[Slope], structural: Sequence[Hypothe
     best = model.fit(beside.best.choice, beside.best.noise)
     spread: FloatArray = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
     return spread
+
+
+def _spread_of_value(setup: Setup, h: Hypothesis, spread: FloatArray) -> FloatArray:
+    """Standard deviations of what a change of structure is, (k,), from those of its further changes.
+
+    To first order the same, but for a base near a wall: how it is rolled is the less told the nearer it stands.
+    """
+    now = value_of(setup, h.kind, h.joints)
+    moved = [value_of(h.accept(setup, STEP * row), h.kind, h.joints) - now for row in np.eye(len(h.unit))]
+    slopes = ((np.stack(moved, axis=1) + np.pi) % (2 * np.pi) - np.pi) / STEP  # an angle of pi is one of -pi
+    told: FloatArray = np.sqrt((slopes**2) @ spread**2)
+    return told
 
 
 def _any_rounding(found: Belief, effect: PlacedEffect, places: Sequence[int]) -> Columns:

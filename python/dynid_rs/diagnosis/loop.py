@@ -125,15 +125,13 @@ def _traced(
     on_progress("mounting")
     asked, odds = mounted(setup, before) if after is None else (setup, 0.0)
     asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train), setup.encoder_error)
-    found = search(asked, train, fit, after=after, on_progress=on_progress)
+    found = search(asked, train, fit, mounting_odds=odds, after=after, on_progress=on_progress)
     on_progress("ripple")
     lines = find_ripple(found.setup, found.fit, train)
     if lines:
         found.hold([held for family in lines for held in family.held()])
         lines = measured_beside(lines, found.setup, found.fit, train)
         found.hold([held for family in lines for held in family.held()])
-    if odds:
-        found.believe_mounting(odds)
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")

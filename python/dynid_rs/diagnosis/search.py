@@ -45,6 +45,7 @@ def search(
     train: Sequence[Recording],
     fit: ThreeLoopIdentifier | None = None,
     *,
+    mounting_odds: float = 0.0,
     after: OpenQuestions | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Belief:
@@ -58,10 +59,15 @@ def search(
         Training runs.
     fit : ThreeLoopIdentifier, optional
         Of the setup to these runs.
+    mounting_odds : float
+        Logarithmic odds of the setup's mounting, where that is another one than declared: it is a name, which turns
+        to where it is likeliest before anything else is asked.
     after : OpenQuestions, optional
         What an earlier diagnosis of some of these runs named and left open: only that is asked, and checked.
     """
     belief = Belief.in_declared(setup, train, fit)
+    if mounting_odds:
+        belief.believe_mounting(mounting_odds)
     if after is not None:
         on_progress("what was settled")
         belief.only, belief.n_places = after.may_pass, after.n_places

@@ -117,10 +117,11 @@ def harmless(belief: Belief) -> None:
     declared = belief.at_first
     ways = [parts for parts in (blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths)) if parts]
     before = [declared.model.left_out(declared.best, parts) for parts in ways]
-    while belief.named:
+    while belief.named.keys() - {belief.mounting}:
         after = [belief.beside.model.left_out(belief.beside.best, parts) for parts in ways]
         trials = list(zip(ways, after, before, strict=True))
-        guilty = [named for named in belief.named.values() if _is_guilty(belief, named.hypothesis, trials)]
+        names = [named for place, named in belief.named.items() if place != belief.mounting]
+        guilty = [named for named in names if _is_guilty(belief, named.hypothesis, trials)]
         if not guilty:
             return
         belief.remove(min(guilty, key=lambda named: named.log_odds).hypothesis.place)

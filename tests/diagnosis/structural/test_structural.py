@@ -82,6 +82,16 @@ def test_a_mounting_that_is_declared_stays():
     assert_allclose(found.setup.robot.gravity, SIDEWAYS, **tolerances.EXACT)
 
 
+def test_a_mounting_is_not_quite_on_a_wall_and_nothing_else_is_blamed_for_it():
+    """Two degrees off: the wall is where the search begins, not where it ends."""
+    gravity = tilted_gravity(SIDEWAYS, 0.02, 0.03)
+    found = found_in(recorded(replace(rigid(), robot=ROBOT.with_gravity(gravity.tolist()))))
+    assert names(found) == {("gravity_tilt", JOINTS)}
+    before, after = (np.linalg.norm(np.asarray(g) - gravity) / 9.81 for g in (SIDEWAYS, found.setup.robot.gravity))
+    assert before > 0.03
+    assert after < 0.1 * before
+
+
 def test_a_mounting_and_a_friction_are_both_named():
     arm = with_effects(rigid(), "friction_hysteresis:wrist:2")
     found = found_in(recorded(replace(arm, robot=ROBOT.with_gravity(list(SIDEWAYS)))))

@@ -12,7 +12,7 @@ from dynid_rs import _core
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.model.placement import gravity_steps, tilt_of, tilted_gravity
+from dynid_rs.model.placement import gravity_steps, tilted_gravity
 
 FloatArray = NDArray[np.float64]
 
@@ -25,14 +25,14 @@ UNSEEN = 4
 
 
 def tilt_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
-    """Roll and pitch, then what inertials that level gravity hides can add.
+    """Roll and pitch against where the base stands now, then what inertials that level gravity hides can add.
 
     On a vertical first axis level gravity pulls without torque, and nothing tells where the links' masses are about
     that axis. Tilted gravity does pull, so those unseen parameters act with any tilt.
     """
     if not np.any(setup.robot.gravity):
         return []
-    pulls = [setup.robot.with_gravity(g.tolist()) for g in gravity_steps(setup.declared, setup.robot)]
+    pulls = [setup.robot.with_gravity(g.tolist()) for g in gravity_steps(setup.robot, setup.robot)]
     columns = []
     for states in about.fit.runs_:
         still = np.zeros_like(states.q)
@@ -56,10 +56,12 @@ def tilt_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
 
 
 def turned(setup: Setup, change: FloatArray) -> Setup:
-    """Return the setup with roll and pitch [rad] changed by `change` (2,), at most by `LARGEST_STEP` at once."""
+    """Return the setup with the base turned by roll and pitch [rad], by at most `LARGEST_STEP` at once.
+
+    Against where it stands now: against a level base a roll would do nothing to one on a wall.
+    """
     change = change * min(1.0, LARGEST_STEP / max(float(np.linalg.norm(change)), 1e-300))
-    roll, pitch = tilt_of(setup.declared, setup.robot)
-    gravity = tilted_gravity(setup.declared.gravity, roll + change[0], pitch + change[1])
+    gravity = tilted_gravity(setup.robot.gravity, *change)
     return replace(setup, robot=setup.robot.with_gravity(gravity.tolist()))
 
 
