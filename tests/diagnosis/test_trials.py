@@ -143,7 +143,7 @@ def test_of_names_that_are_none_one_in_six_shows():
 def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():
     """Beside a hysteresis that friction's shapes do not know of yet, what is left looks like the next effect."""
     belief = Belief.in_declared(Setup(ROBOT), measured("friction_hysteresis:wrist:3"))
-    found = forward(belief)
+    found, _ = forward(belief)
     assert [named.hypothesis.place for named in found] == [("friction_hysteresis", (2,))]
 
 
@@ -153,7 +153,7 @@ def test_a_delay_of_a_part_of_a_sample_is_told():
     runs = recorded(arm, duration=12.0, n_runs=2, rate=50.0)
     late = [replace(run, tau=np.stack([np.interp(run.t - 0.001, run.t, x) for x in run.tau.T], axis=1)) for run in runs]
     belief = Belief.in_declared(Setup(ROBOT), late)
-    (named,) = forward(belief)
+    ((named,), _) = forward(belief)
     assert named.hypothesis.kind == "torque_delay"
 
 

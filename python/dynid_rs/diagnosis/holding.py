@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Hypothesis
@@ -26,7 +27,8 @@ def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value])
         helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
         # What changes in time does so once, where it begins.
         and (at_times or shows_everywhere(beside, after, belief.reach(tried.hypothesis), blocks(phase, N_SMALL)))
-        and is_stable(beside, tried, unlike, parts)
+        # Either of two ties may come first in a half; which it is stays open.
+        and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
     )
 
 

@@ -4,12 +4,13 @@
     named               if  ln BF - ln(kinds x places)  >  ln 19, and it holds on parts of the data
 
 A name is at posterior odds of 19 to 1. It holds on parts if parts that were left out are not predicted worse with it on
-the joints it acts on, and if it comes first there in most halves of the data (Meinshausen and Buehlmann 2010).
+the joints it acts on, and if it comes first there in most halves of the data (Meinshausen and Buehlmann 2010). Where
+no name passes alone, two that hide each other are asked together (`hidden.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -18,6 +19,7 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hidden import hidden
 from dynid_rs.diagnosis.holding import holds, shares
 from dynid_rs.diagnosis.one_clock import share_a_clock
 from dynid_rs.diagnosis.open_questions import OpenQuestions
@@ -28,7 +30,7 @@ from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless, sized
 from dynid_rs.diagnosis.structural import REFITTED
-from dynid_rs.diagnosis.trials import Value, blocks, evidence, helps, whole_runs
+from dynid_rs.diagnosis.trials import Asked, Value, blocks, evidence, helps, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -93,18 +95,19 @@ def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
     refused: set[Place] = set()
     for _ in range(MOST_ROUNDS):
         on_progress(f"{len(belief.named)} effects so far" if belief.named else "looking for effects")
-        found = forward(belief, refused)
-        if not found:
+        found, asked = forward(belief, refused)
+        pair = [] if found else hidden(belief, asked)
+        if not (found or pair):
             return
-        found = accept(belief, found, refused)
+        found = accept(belief, found or pair, refused, together=bool(pair))
         share_a_clock(belief)
         dropped = backward(belief)
         if found and {named.hypothesis.place for named in found} <= dropped:
             return  # all that was added is gone again: the next round would only do the same
 
 
-def accept(belief: Belief, found: list[Named], refused: set[Place]) -> list[Named]:
-    """Believe names; which those were.
+def accept(belief: Belief, found: list[Named], refused: set[Place], *, together: bool = False) -> list[Named]:
+    """Believe names, `together` all of them or none; which those were.
 
     A change of structure is linear near what it changes only: changes after which the data are less probable are
     `refused`.
@@ -116,33 +119,36 @@ def accept(belief: Belief, found: list[Named], refused: set[Place]) -> list[Name
         return found
     belief.restore(before)
     refused |= {named.hypothesis.place for named in moved}
-    found = [named for named in found if named not in moved]
+    found = [] if together else [named for named in found if named not in moved]
     if found:
         belief.accept(found)
     return found
 
 
-def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
-    """Names that pass, one after the other, each beside those before it; none of `never`."""
+def forward(belief: Belief, never: Collection[Place] = ()) -> tuple[list[Named], Asked]:
+    """Names that pass, one after the other, each beside those before it; none of `never`.
+
+    Also what was asked last, of which none passed.
+    """
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
     beside, log_places = belief.beside, float(np.log(belief.n_sought(open_)))
-    need = SURE + log_places  # of a name at posterior odds of 19 to 1
     found: list[Named] = []
     doubted = set[Place]()
     while True:
         values, open_ = evidence(beside, open_)
-        best = _first_to_hold(belief, beside, values, need, doubted) if len(found) < MOST_A_ROUND else None
+        asked = Asked(values, open_, log_places)
+        best = _first_to_hold(belief, beside, asked, doubted) if len(found) < MOST_A_ROUND else None
         if best is None:
-            return found
-        named, rivals = best.hypothesis, _rivals(values, best)
-        told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
+            return found, asked
+        named, rivals = best.hypothesis, _rivals(asked, best)
+        told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > asked.need}
         before, beside = beside.best, beside.with_columns(best.columns)
         settled = beside.best.noise > FALLEN * before.noise
         if named.kind in REFITTED:
             settled[list(named.columns)] = False
         if told:
             still = {v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals}
-            told = {p: d for p, d in told.items() if still[p] < need}
+            told = {p: d for p, d in told.items() if still[p] < asked.need}
         ties = tuple((p, d) for p, d in told.items() if d > -SURE)
         others = tuple((p, d) for p, d in told.items() if d <= -SURE)
         found.append(Named(named, best.value - log_places, ties, refuted=others))
@@ -150,18 +156,11 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         open_ = [h for h in open_ if h.place not in gone and all(settled[j] for j in h.columns)]
 
 
-def _first_to_hold(
-    belief: Belief, beside: Beside, values: Mapping[Place, Value], need: float, doubted: set[Place]
-) -> Value | None:
+def _first_to_hold(belief: Belief, beside: Beside, asked: Asked, doubted: set[Place]) -> Value | None:
     """Return the most probable name that passes and holds, in its own shape; `doubted` are those that do not hold."""
-    passing = [v for v in values.values() if v.value > need and v.hypothesis.place not in doubted]
+    passing = [v for v in asked.values.values() if v.value > asked.need and v.hypothesis.place not in doubted]
     for best in sorted(passing, key=lambda v: -v.value):
-        # Either of two ties may come first in a half; which it is stays open.
-        unlike = [
-            v
-            for v in _rivals(values, best)
-            if v.value < best.value - SURE and not is_one_cause(best.hypothesis.kind, v.hypothesis.kind)
-        ]
+        unlike = [v for v in _rivals(asked, best) if not is_one_cause(best.hypothesis.kind, v.hypothesis.kind)]
         # Its own shape: what a grid's leaves of an effect looks like the next one.
         shaped = polished(beside, belief.catalogue, best.hypothesis)
         own = replace(best, hypothesis=shaped, columns=beside.evidence_for(shaped)[1])
@@ -172,10 +171,10 @@ def _first_to_hold(
     return None
 
 
-def _rivals(values: Mapping[Place, Value], best: Value) -> list[Value]:
+def _rivals(asked: Asked, best: Value) -> list[Value]:
     """What may be the cause in its place: what acts on one of its joints."""
     place = best.hypothesis.place
-    return [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
+    return [v for v in asked.values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
 
 
 def merge(belief: Belief) -> bool:

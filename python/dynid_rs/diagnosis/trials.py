@@ -51,6 +51,20 @@ class Value:
     columns: Columns
 
 
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What was asked beside one model: evidence by place, what may yet pass, and of how many places' logarithm."""
+
+    values: dict[Place, Value]
+    open_: list[Hypothesis]
+    log_places: float
+
+    @property
+    def need(self) -> float:
+        """Evidence of a name at posterior odds of 19 to 1."""
+        return SURE + self.log_places
+
+
 def evidence(beside: Beside, hypotheses: Sequence[Hypothesis]) -> tuple[dict[Place, Value], list[Hypothesis]]:
     """Logarithm of the Bayes factor of the places that screening puts first, averaged over their shapes.
 
