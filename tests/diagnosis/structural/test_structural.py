@@ -90,6 +90,8 @@ def test_a_mounting_is_not_quite_on_a_wall_and_nothing_else_is_blamed_for_it():
     before, after = (np.linalg.norm(np.asarray(g) - gravity) / 9.81 for g in (SIDEWAYS, found.setup.robot.gravity))
     assert before > 0.03
     assert after < 0.1 * before
+    told = dict(zip(("roll", "pitch"), tilt_of(ROBOT, ROBOT.with_gravity(gravity.tolist())), strict=True))
+    assert holds(entry_of(found, "gravity_tilt"), told) == []
 
 
 def test_a_mounting_and_a_friction_are_both_named():
