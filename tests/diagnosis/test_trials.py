@@ -22,6 +22,7 @@ from dynid_rs.diagnosis.trials import (
     blocks,
     chance_of,
     evidence,
+    is_alone,
     is_stable,
     shows_everywhere,
     whole_runs,
@@ -90,6 +91,9 @@ def test_what_returns_is_left_out_together():
     first, second = whole_runs(shown, [2, 2, 2, 2])
     np.testing.assert_array_equal(first, shown < 10)
     np.testing.assert_array_equal(second, shown >= 10)
+    assert is_alone(phase, [6, 6])
+    assert is_alone(phase, [12])
+    assert not is_alone(shown, [2, 2, 2, 2])
 
 
 def test_worse_is_worse_than_one_chance_in_six():
@@ -254,7 +258,7 @@ def test_what_changes_while_a_motion_returns_is_left_out_by_time(monkeypatch, ki
     monkeypatch.setattr(holding, "helps", lambda *given: asked.extend(given[3:]))
     belief = SimpleNamespace(phase=np.tile(np.arange(24), 2), run_lengths=[48], reach=lambda _: [0])
     tried = SimpleNamespace(hypothesis=SimpleNamespace(kind=kind), columns={})
-    assert not holding.holds(belief, SimpleNamespace(with_columns=lambda _: None), tried, [])
+    assert not holding.holds(belief, SimpleNamespace(with_columns=lambda _: None), tried, [], 0.0)
     parts, thirds = asked
     for left_out in (*parts, *thirds):
         assert np.all(left_out[:24] == left_out[24:]) != by_time

@@ -1,18 +1,25 @@
-"""The last fit: how joints weigh in it, and what has no name."""
+"""The last fit: which prior it has, and that it harms no joint."""
 
 from copy import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from exam.case import write_case
 
 import dynid_rs as dyn
+from dynid_rs.base.estimator import clone
+from dynid_rs.diagnosis import weighing
 from dynid_rs.diagnosis.belief import Belief, fitted
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.weighing import last_fit, weighed_as
 from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.runs.splitting import split_runs
+
+
+def all_ways(fit):
+    return weighing._ways(fit)
 
 
 def prior(fit):
@@ -30,11 +37,30 @@ def declared(tmp_path_factory):
     return setup, train, runs, fitted(setup, train)
 
 
-def test_without_a_name_joints_weigh_as_they_do(declared):
+def test_the_evidence_chooses_where_that_harms_nobody(declared):
     setup, train, _, fit = declared
     weighed = weighed_as(fit, fit, setup, train)
+    assert not weighing._does_harm(fit, weighed, all_ways(fit))
     assert prior(weighed) == prior(fit)
     np.testing.assert_allclose(weighed.links_.x_, fit.links_.x_, rtol=0.05, atol=1e-3 * np.abs(fit.links_.x_).max())
+
+
+def test_a_prior_that_harms_a_joint_is_not_taken(declared, monkeypatch):
+    """The choice is held from outside to one that predicts what was left out worse: that of the declared fit stays."""
+    setup, train, _, fit = declared
+    asked = []
+
+    def spoiled(setup, train, **options):
+        links = options["links"]
+        asked.append(links.believed)
+        if links.believed is None:  # what the evidence chooses, were it mistaken
+            options["links"] = clone(links).set_params(believed=prior(fit)._replace(width=0.01, centre=0.0))
+        return fitted(setup, train, **options)
+
+    monkeypatch.setattr(weighing, "fitted", spoiled)
+    weighed = weighed_as(fit, fit, setup, train)
+    assert asked == [None, prior(fit)]
+    assert prior(weighed) == prior(fit)
 
 
 def test_what_was_found_on_a_short_run_harms_no_joint_for_its_prior(declared):
@@ -52,6 +78,27 @@ def test_what_was_found_on_a_short_run_harms_no_joint_for_its_prior(declared):
     ratio = np.array(error["after"]) / error["before"]
     assert ratio.max() < 1.05
     assert np.exp(np.log(ratio).mean()) < 0.7
+
+
+def test_a_right_name_lets_joints_weigh_by_what_they_leave_now(declared, monkeypatch):
+    """Runs of other motions say so, and nothing else: of a lone one the weights are those of before."""
+    setup, train, _, fit = declared
+    asked = []
+
+    def harm(other, tried, ways):
+        asked.append(len(ways))
+        return other is now
+
+    now = copy(fit)
+    monkeypatch.setattr(weighing, "_does_harm", harm)
+    assert len(fit.runs_) == 1
+    assert weighed_as(fit, now, setup, train).links_.least_noise is not None
+    now.runs_, n = [*fit.runs_, *fit.runs_], len(fit.observations_.phase)
+    now.observations_ = SimpleNamespace(phase=np.tile(np.arange(n), 2))
+    assert weighed_as(fit, now, setup, train).links_.least_noise is not None
+    now.observations_ = SimpleNamespace(phase=np.arange(2 * n))
+    assert weighed_as(fit, now, setup, train).links_.least_noise is None
+    assert asked[-2:] == [1, 2]
 
 
 def last_fits(declared, joint, cycles):

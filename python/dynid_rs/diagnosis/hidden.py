@@ -33,7 +33,9 @@ def hidden(belief: Belief, asked: Asked) -> list[Named]:
     pairs = _pairs(belief, asked)
     for first, second in sorted(pairs, key=lambda pair: -pair[0].value - pair[1].value):
         both = [_beside(belief, *pair, asked) for pair in ((first, second), (second, first))]
-        sure = all(value.value > asked.need and holds(belief, at, value, rivals) for value, at, rivals in both)
+        sure = all(
+            value.value > asked.need and holds(belief, at, value, rivals, asked.need) for value, at, rivals in both
+        )
         if sure and not _stand_in(belief, both[0][0], both[1][0], asked.log_places):
             return [Named(value.hypothesis, value.value - asked.log_places) for value, _, _ in both]
     return []

@@ -17,7 +17,7 @@ OF_TIME = {"step", "temperature"}
 """Signals of what changes while the motion returns."""
 
 
-def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value]) -> bool:
+def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
     """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
     at_times = _changes_in_time(tried.hypothesis)
     phase = np.arange(len(belief.phase)) if at_times else belief.phase
@@ -29,6 +29,8 @@ def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value])
         and (at_times or shows_everywhere(beside, after, belief.reach(tried.hypothesis), blocks(phase, N_SMALL)))
         # Either of two ties may come first in a half; which it is stays open.
         and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
+        # What tells the same with more right, and does not hold, makes the next best no more likely.
+        and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > tried.value + SURE)
     )
 
 

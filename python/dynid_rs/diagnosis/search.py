@@ -165,7 +165,7 @@ def _first_to_hold(belief: Belief, beside: Beside, asked: Asked, doubted: set[Pl
         shaped = polished(beside, belief.catalogue, best.hypothesis)
         own = replace(best, hypothesis=shaped, columns=beside.evidence_for(shaped)[1])
         # A grid's shape that is not quite the effect's holds on fewer parts, the likeliest one where little tells it.
-        if any(holds(belief, beside, tried, unlike) for tried in (best, own)):
+        if any(holds(belief, beside, tried, unlike, asked.need) for tried in (best, own)):
             return own
         doubted.add(best.hypothesis.place)
     return None

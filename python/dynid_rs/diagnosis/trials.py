@@ -111,12 +111,23 @@ def whole_runs(phase: IntArray, lengths: Sequence[int]) -> list[BoolArray]:
 
     Runs that show each other's motion are one.
     """
+    of_run = _motions(phase, lengths)
+    several = np.unique(of_run)
+    return [of_run == run for run in several] if len(several) > 1 else blocks(phase, THIRDS)
+
+
+def is_alone(phase: IntArray, lengths: Sequence[int]) -> bool:
+    """Whether all runs are one motion."""
+    return len(np.unique(_motions(phase, lengths))) == 1
+
+
+def _motions(phase: IntArray, lengths: Sequence[int]) -> IntArray:
+    """Run whose motion every row shows, (n_rows,): the first of those that show each other's."""
     of_run = np.repeat(np.arange(len(lengths)), lengths)
     for run in range(len(lengths)):
         alike = np.unique(of_run[np.isin(phase, phase[of_run == run])])
         of_run[np.isin(of_run, alike)] = min(alike, default=run)
-    several = np.unique(of_run)
-    return [of_run == run for run in several] if len(several) > 1 else blocks(phase, THIRDS)
+    return of_run
 
 
 def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:

@@ -1,8 +1,10 @@
-"""The last fit: joints weigh against each other as they did before anything had a name."""
+"""The last fit: joints weigh against each other as they did before anything had a name, unless that is seen to harm."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,8 @@ from dynid_rs.base.estimator import clone
 from dynid_rs.diagnosis.belief import Belief, fitted
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
+from dynid_rs.diagnosis.standing import harms
+from dynid_rs.diagnosis.trials import blocks, is_alone, whole_runs
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -19,6 +23,7 @@ from dynid_rs.regression.linear_model import Known
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
+Parts = list[NDArray[np.bool_]]
 
 N_ELSEWHERE = 600
 """States at which joints' torques stay: ten for each of the numbers of six links."""
@@ -53,18 +58,47 @@ def weighed_as(
 
     What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
     right they would draw the links, and joints that have no name are predicted worse; what they say more exactly moves
-    the links where no other joint feels it, on these runs or elsewhere. At these weights the evidence chooses the prior
-    anew.
+    the links where no other joint feels it, on these runs or elsewhere. At these weights the evidence
+    chooses the prior anew; where some joint is then predicted worse than by the declared fit, on parts that were left
+    out, that of the declared fit, or else of `fit`, stays if it does no such harm.
+
+    A name that is right makes rows that precise: where whole runs that were left out are predicted worse at these
+    weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. Runs of
+    one motion cannot say so, for what is feared is harm elsewhere.
     """
     links = _with_gains_of(fit, setup)
-    links.set_params(least_noise=_posterior(declared).noise_std, elsewhere=_elsewhere(fit))
-    return fitted(setup, train, friction=_shapes(fit), links=links)
+    again = partial(fitted, setup, train, friction=_shapes(fit))
+    weighed = _at_a_prior_that_harms_nobody(declared, fit, again, clone(links))
+    phase, lengths = _shown(fit)
+    if is_alone(phase, lengths) or not _does_harm(fit, weighed, [whole_runs(phase, lengths)]):
+        return weighed
+    now = again(links=clone(links))
+    return weighed if _does_harm(declared, now, _ways(fit)) else now
 
 
 def _with_gains_of(fit: ThreeLoopIdentifier, setup: Setup) -> LinkDynamicsIdentifier:
     """Fit of the links with the drives' gains of another fit: nothing that is weighed otherwise tells them better."""
     links: LinkDynamicsIdentifier = clone(setup.options.get("links") or LinkDynamicsIdentifier())
     return links.set_params(gains_of=_posterior(fit))
+
+
+def _at_a_prior_that_harms_nobody(
+    declared: ThreeLoopIdentifier,
+    fit: ThreeLoopIdentifier,
+    again: Callable[..., ThreeLoopIdentifier],
+    links: LinkDynamicsIdentifier,
+) -> ThreeLoopIdentifier:
+    """Fit `again` at the weights of the declared fit, and at the most probable prior that does no harm."""
+    links.set_params(least_noise=_posterior(declared).noise_std, elsewhere=_elsewhere(fit))
+    weighed = again(links=links)
+    likeliest, ways = _posterior(weighed).choice, _ways(fit)
+    for choice in dict.fromkeys((likeliest, _posterior(declared).choice, _posterior(fit).choice)):
+        tried = weighed
+        if choice != likeliest:
+            tried = again(links=links.set_params(believed=choice))
+        if not _does_harm(declared, tried, ways):
+            return tried
+    return weighed
 
 
 def _elsewhere(fit: ThreeLoopIdentifier) -> FloatArray:
@@ -89,3 +123,27 @@ def _posterior(fit: ThreeLoopIdentifier) -> Posterior:
     posterior = fit.links_.posterior_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     return posterior
+
+
+def _shown(fit: ThreeLoopIdentifier) -> tuple[NDArray[np.int64], list[int]]:
+    """Phase of the motion at every row of a fit, (n_rows,), and rows per run."""
+    return fit.observations_.phase, [len(states.rows) for states in fit.runs_]
+
+
+def _ways(fit: ThreeLoopIdentifier) -> list[Parts]:
+    """Ways to leave out parts of a fit's runs: in the order of their motion, and whole runs."""
+    phase, lengths = _shown(fit)
+    return [blocks(phase), whole_runs(phase, lengths)]
+
+
+def _does_harm(other: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, ways: Sequence[Parts]) -> bool:
+    """Whether some joint of parts that were left out is predicted worse by `fit` than by another."""
+    lost = [(_left_out(fit, parts), _left_out(other, parts)) for parts in ways]
+    return any(bool(np.any(harms(after, before, len(ways)))) for after, before in lost)
+
+
+def _left_out(fit: ThreeLoopIdentifier, parts: Parts) -> FloatArray:
+    """Power per part and joint, (n_parts, n_joints), at the fit's own prior and noise."""
+    posterior = _posterior(fit)
+    model = posterior.model(fit.observations_.plan, fit.observations_.joint_rows())
+    return model.left_out(replace(model.fit(posterior.choice, posterior.noise_std), noise=posterior.noise_std), parts)

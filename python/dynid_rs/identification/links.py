@@ -14,7 +14,7 @@ from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.fitted import Weighting
-from dynid_rs.regression.linear_model import Known
+from dynid_rs.regression.linear_model import Choice, Known
 from dynid_rs.regression.scales import free_scales, improve_scale
 from dynid_rs.regression.systems import residual_covariance, residual_power, solve, stack, whitened
 
@@ -63,6 +63,8 @@ class LinkDynamicsIdentifier(Estimator):
     elsewhere : ndarray (n, n_joints, 10 n_links), optional
         With `least_noise`, columns of the links at states that no run has shown: what joints' rows say more exactly
         leaves the others' torques there as they are.
+    believed : Choice, optional
+        How far the prior is believed, instead of what the evidence chooses.
     known : Known, optional
         Unknowns that are known already, under a prior: all others are fitted beside them.
     gains_of : Posterior, optional
@@ -103,6 +105,7 @@ class LinkDynamicsIdentifier(Estimator):
         tol: float = 1e-3,
         least_noise: FloatArray | None = None,
         elsewhere: FloatArray | None = None,
+        believed: Choice | None = None,
         known: Known | None = None,
         gains_of: Posterior | None = None,
     ) -> None:
@@ -114,6 +117,7 @@ class LinkDynamicsIdentifier(Estimator):
         self.tol = tol
         self.least_noise = least_noise
         self.elsewhere = elsewhere
+        self.believed = believed
         self.known = known
         self.gains_of = gains_of
 
@@ -220,6 +224,7 @@ class LinkDynamicsIdentifier(Estimator):
             scale=scale,
             least_noise=self.least_noise,
             elsewhere=self.elsewhere,
+            believed=self.believed,
             known=self.known,
             gains_of=self.gains_of,
         )

@@ -401,7 +401,7 @@ def _alike(near: ThreeLoopIdentifier, loops: Loops) -> Loops:
             of.data.torque_unit,
             of.free_gains,
             [states.name for states in of.data.runs],
-            (of.links.prior, of.links.weighting),
+            (of.links.prior, of.links.weighting, of.links.believed),
         )
         for of in (near.loops_, loops)
     )

@@ -125,6 +125,7 @@ def fit_with_prior(
     scale: FloatArray | None = None,
     least_noise: FloatArray | None = None,
     elsewhere: FloatArray | None = None,
+    believed: Choice | None = None,
     known: Known | None = None,
     gains_of: Posterior | None = None,
 ) -> Posterior:
@@ -148,6 +149,8 @@ def fit_with_prior(
         [torque unit] Against each other joints weigh as if none had less noise.
     elsewhere : ndarray (n, n_joints, 10 n_links), optional
         Columns of the links at states that no run has shown, for `least_noise`: joints' torques stay there too.
+    believed : Choice, optional
+        Width, centre and size of bends of the prior, instead of those that the evidence chooses.
     known : Known, optional
         Unknowns that are known: all others are fitted beside them.
     gains_of : Posterior, optional
@@ -162,7 +165,7 @@ def fit_with_prior(
     gains = np.ones(n) if gains_of is None and (free is None or not free.any()) else scale
     prior = weak_prior(plan, factors, n_rows, held.scale if held is not None else gains)
     widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
-    choice = Choice()
+    choice = Choice() if believed is None else believed
     scale = np.ones(n) if scale is None else scale
     noise, n_effective = 0.1 * size, np.full(n, FIRST_MEMORY * n_rows)
     if held is not None:
@@ -177,7 +180,7 @@ def fit_with_prior(
         if k and free is not None and free.any():  # gains tell what a force between two joints is in either channel
             prior = weak_prior(plan, factors, n_rows, scale).in_unit(prior.unit)
         model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
-        if held is not None:
+        if held is not None or believed is not None:
             best = model.fit(choice, noise)
         else:
             best = _likeliest(model, noise, [choice._replace(width=w, centre=c) for w, c in widths])
