@@ -28,7 +28,7 @@ from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.ripple import find_ripple, measured_beside, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
-from dynid_rs.diagnosis.search import search
+from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.signs import with_signs
@@ -132,6 +132,7 @@ def _traced(
         found.hold([held for family in lines for held in family.held()])
         lines = measured_beside(lines, found.setup, found.fit, train)
         found.hold([held for family in lines for held in family.held()])
+        look(found, on_progress, once_more=True)  # for what the ripple has covered
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")

@@ -78,9 +78,15 @@ def search(
     return belief
 
 
-def look(belief: Belief, on_progress: Callable[[str], None]) -> None:
-    """Find what is missing beside what is believed already."""
+def look(belief: Belief, on_progress: Callable[[str], None], *, once_more: bool = False) -> None:
+    """Find what is missing beside what is believed already.
+
+    `once_more`: names and their shapes have settled, and stay as they are where nothing is missing and no name goes.
+    """
+    believed_before = set(belief.named)
     name(belief, on_progress)
+    if once_more and set(belief.named) == believed_before and not backward(belief, SURE):
+        return
     if merge(belief):
         backward(belief)
         name(belief, on_progress)  # beside another kind another one may be missing
