@@ -42,7 +42,7 @@ def side_by_side(work: Callable[[Item], Answer], items: Iterable[Item]) -> list[
     For work that is mostly the compiled module's or numpy's, which other threads need not wait for. What an item's work
     changes, no other one's may see: then the answers are the same on any number of threads.
     """
-    from concurrent.futures import ThreadPoolExecutor  # with what it brings along a tenth of `dynid --help`
+    from concurrent.futures import ThreadPoolExecutor  # what it brings along would delay every `--help`
 
     items = list(items)
     n_threads = min(len(items), _n_threads())

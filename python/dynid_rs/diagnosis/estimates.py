@@ -120,9 +120,10 @@ def _spread(found: Belief, slopes: Sequence[Slope], structural: Sequence[Hypothe
 
 
 def _spread_of_value(setup: Setup, h: Hypothesis, spread: FloatArray) -> FloatArray:
-    """Standard deviations of what a change of structure is, (k,), from those of its further changes.
+    """Standard deviations of what a change of structure is, (k,), from those `spread` (n,) of its further changes.
 
-    To first order the same, but for a base near a wall: how it is rolled is the less told the nearer it stands.
+    Each by itself, in their own units [rad, m, s]. The same but for a base near a wall: how it is rolled is the less
+    told the nearer it stands. `h` may have more coefficients than numbers are told of it.
     """
     now = value_of(setup, h.kind, h.joints)
     moved = [value_of(h.accept(setup, STEP * row), h.kind, h.joints) - now for row in np.eye(len(h.unit))]
