@@ -23,7 +23,7 @@ generator (`tests/exam`), which shares no line with the product: one effect of a
 of .3 to .5 times the noise by what the declared model leaves of it in a minute of ordinary motion (two runs of 30 s:
 harmonics, moves, stop and go, poor motion); where such an effect cannot be made so small it is larger. *Open* are the
 cases in which the effect has no name after that minute, is told as one of two, or stands beside a false name. They are
-moved on by at most two motions of 20 s within the positions, speeds and accelerations that the minute used, and
+moved on by at most two motions of 20 s within the robot file's positions and the minute's speeds and accelerations, and
 diagnosed anew on all runs. *Settled*: the effect is named, told apart, and nothing else is.
 
 """

@@ -37,7 +37,7 @@ def test_friction_that_turns_round_later_is_that_of_a_shifted_clock(fit):
 
 def test_with_one_encoder_a_link_hangs_behind_its_motor(fit):
     """Inverse dynamics along the motion that a spline through the bend gives."""
-    columns = yielding(fit)
+    columns = yielding(fit, About.of(fit))
     assert len(columns) == ROBOT.n_joints
     loads = [evaluate(fit.model_, states)[1][:, 0] / fit.links_.torque_scale_ for states in fit.raw_runs_]
     size = np.sqrt(np.mean(np.concatenate(loads) ** 2, axis=0))

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings, other_time
+from dynid_rs.diagnosis.any_function import UNKNOWN, function_along
+from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings, other_time, yielding
 from dynid_rs.diagnosis.candidates import Candidate, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.open_questions import OpenQuestions
@@ -104,7 +105,8 @@ class Along:
     def information(self, motion: Motion) -> Told:
         """What a motion says of all unknowns of `asked.precision`.
 
-        Shapes of friction on the joints in question, which the motion shows too, take away what they can imitate.
+        Shapes of friction on the joints in question, and gears that yield, which the motion shows too, take away what
+        they can imitate.
 
         Parameters
         ----------
@@ -195,9 +197,12 @@ class Along:
         asked = self.asked
         candidates = [asked.candidates[k] for k in self.chosen]
         placed = [c for c in candidates if c.kind in CATALOGUE]
-        catalogue = Catalogue(fit) if placed else None
+        functions = [c for c in candidates if c.kind == UNKNOWN]
+        catalogue = Catalogue(fit) if placed or functions else None
         shaped = [Shaped(c.kind, c.joints, c.shape) for c in placed]
         found = {} if catalogue is None else dict(zip(placed, catalogue.of(shaped), strict=True))
+        if catalogue is not None:
+            found |= {c: function_along(catalogue, c) for c in functions}
         about = About(fit, asked.about.phi, asked.about.root)
         for kind in sorted({c.kind for c in candidates if is_designable(c)} & set(KINDS)):
             there = {h.place: h for h in KINDS[kind](about, asked.setup)}
@@ -208,9 +213,10 @@ class Along:
         return [with_slopes(catalogue, c, own) if own else own for c, own in zip(candidates, columns, strict=True)]
 
     def _shapes(self, fit: ThreeLoopIdentifier) -> list[Columns]:
-        """Friction's other shapes on the joints in question, for coefficients that are standard normal beforehand."""
+        """Friction's other shapes on the joints in question, and gears that yield; coefficients are standard normal."""
         sooner = other_time(fit)
-        return [
+        about = About(fit, self.asked.about.phi, self.asked.about.root)
+        return yielding(fit, about) + [
             {j: SHAPE_SPREAD * columns}
             for j in self.joints
             for columns in (

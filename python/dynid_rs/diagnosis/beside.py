@@ -72,7 +72,7 @@ class Beside:
         between = between_encoders(fit)
         if between.size:
             further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
-        model = replace(model.beside(*further, *yielding(fit)), phase=observations.phase)
+        model = replace(model.beside(*further, *yielding(fit, About.of(fit))), phase=observations.phase)
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
@@ -228,14 +228,14 @@ def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
     return between
 
 
-def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
+def yielding(fit: ThreeLoopIdentifier, about: About) -> list[Columns]:
     """Change of all joints' torque if a gear yielded by `YIELDS` under its usual load, one column per joint.
 
     With one encoder, on the motor's side, a link is not where it is read to be but hangs behind by its load.
     """
     if any(states.two_encoders for states in fit.runs_):
         return []
-    about, load = About.of(fit), link_load(fit.observations_.plan, fit.links_)
+    load = link_load(fit.observations_.plan, fit.links_)
     bent = [load(states) for states in fit.runs_]
     size = np.sqrt(np.mean(np.concatenate(bent) ** 2, axis=0))
     found = []

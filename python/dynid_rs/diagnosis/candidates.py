@@ -71,7 +71,7 @@ def alive(
     """
     from scipy.special import softmax
 
-    h, size = value.hypothesis, _size(value)
+    h, size = value.hypothesis, size_of(value)
     own = Shaped(h.kind, h.joints, h.shape)
     grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own and most > 1]
     scores = np.array(
@@ -158,7 +158,7 @@ def _moved(own: Shaped, name: str, step: float) -> Shaped:
     return own.with_shape(name, value + step if name == PHASE else value * (1 + step))
 
 
-def _size(value: Value) -> float:
+def size_of(value: Value) -> float:
     """By how much the columns of a place are larger than its hypothesis': the size that is likeliest beforehand."""
     j = next(iter(value.columns))
     return float(np.linalg.norm(value.columns[j]) / max(float(np.linalg.norm(value.hypothesis.columns[j])), 1e-300))

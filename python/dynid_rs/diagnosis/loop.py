@@ -138,8 +138,8 @@ def _traced(
     on_progress("what is left")
     left = stood_in(found)
     contests = weigh_rivals(found)
-    left_open = open_questions(found, contests)
     without_name = nameless(found, contests)
+    left_open = open_questions(found, contests, without_name)
     found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         settled = False

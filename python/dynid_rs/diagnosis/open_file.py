@@ -20,6 +20,7 @@ from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.json_file import read_json
 from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.diagnosis.any_function import MOST_WAVES, UNKNOWN
 from dynid_rs.diagnosis.candidates import Candidate, width_of
 from dynid_rs.diagnosis.open_questions import Answer, OpenQuestions, Question
 from dynid_rs.diagnosis.setup import Setup
@@ -34,7 +35,7 @@ from dynid_rs.regression.columns import Plan
 FloatArray = NDArray[np.float64]
 
 OPEN_FILE = "open.json"
-FORMAT, VERSION = "dynid-open", 3
+FORMAT, VERSION = "dynid-open", 4
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
 DIGITS = 9
@@ -253,11 +254,22 @@ class _Reader:
         return precision
 
     def candidate(self, entry: dict[str, Any], n_declared: int) -> Candidate:
+        if entry["kind"] == UNKNOWN:
+            return self.function(entry)
         kind, joints = self.place(entry, "candidates")
         shape = tuple((str(name), self.number(value, str(name))) for name, value in entry["shape"].items())
         unit = self.array(entry["unit"], "unit", (None,))
         instead_of = tuple(self.index(at, n_declared, "instead_of") for at in entry["instead_of"])
         return Candidate(kind, joints, shape, unit, self.array(entry["mean"], "mean", unit.shape), instead_of)
+
+    def function(self, entry: dict[str, Any]) -> Candidate:
+        """A function of an angle without a name."""
+        (j,) = (self.names.index(name) for name in entry["joints"])
+        shape = {name: self.number(entry["shape"][name], name) for name in ("low", "span", "turning")}
+        unit = self.array(entry["unit"], "unit", (None,))
+        if shape["span"] <= 0 or shape["turning"] not in (0.0, 1.0) or not 0 < len(unit) <= MOST_WAVES:
+            self.refuse(f'"candidates": a function has a span, turns or does not, and has 1 to {MOST_WAVES} waves')
+        return Candidate(UNKNOWN, (j,), tuple(shape.items()), unit, self.array(entry["mean"], "mean", unit.shape))
 
     def question(self, entry: dict[str, Any], n_candidates: int) -> Question:
         first, second = (self.answer(entry[key], n_candidates) for key in ("first", "second"))

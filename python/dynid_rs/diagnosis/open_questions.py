@@ -19,17 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.any_function import own_angle, rival_functions
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.candidates import SHAPES, Candidate, alive, width_of
 from dynid_rs.diagnosis.hypotheses import Hypothesis
-from dynid_rs.diagnosis.rivals import Contest
+from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.trials import Value, evidence
+from dynid_rs.diagnosis.waves import Argument, same_angles
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.linear_model import Columns, LinearModel
 
@@ -154,7 +157,9 @@ class OpenQuestions:
         return np.flatnonzero(kept)
 
 
-def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQuestions:
+def open_questions(
+    belief: Belief, contests: Mapping[Place, Contest], without_name: Mapping[Place, Argument]
+) -> OpenQuestions:
     """Collect what a finished search leaves open.
 
     Parameters
@@ -163,35 +168,52 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         What is believed.
     contests : mapping
         Every torque that was found against what may stand in its place (`rivals.weigh_rivals`).
+    without_name : mapping
+        Those that any function does as well as (`misfit.nameless`).
     """
     fit, setup = belief.fit, belief.setup
     candidates: list[Candidate] = []
     columns: list[Columns] = []
     questions: list[Question] = []
 
-    def add(value: Value, model: Beside, instead_of: Sequence[int] = (), most: int = SHAPES) -> Answer:
-        numbers, weights = [], []
-        for candidate, own, weight in alive(belief.catalogue, value, model, most):
-            numbers.append(len(candidates))
-            weights.append(weight)
+    def put(found: Sequence[tuple[Candidate, Columns, float]], instead_of: Sequence[int] = ()) -> Answer:
+        first = len(candidates)
+        for candidate, own, _ in found:
             candidates.append(replace(candidate, instead_of=tuple(instead_of)))
             columns.append(own)
-        return Answer(tuple(numbers), tuple(weights))
+        return Answer(tuple(range(first, len(candidates))), tuple(weight for _, _, weight in found))
+
+    def add(value: Value, model: Beside, instead_of: Sequence[int] = (), most: int = SHAPES) -> Answer:
+        return put(alive(belief.catalogue, value, model, most), instead_of)
+
+    def own(place: Place) -> Answer:
+        against = contests[place]
+        return add(against.own, against.beside, [at for _, at in own_places[place]])
 
     own_places = dict(zip([(e.kind, e.joints) for e in setup.effects], belief.places(), strict=True))
     ties = _ties(belief, contests)
     for asked in ties[:MOST]:
         against = contests[asked.place]
-        own = [at for _, at in own_places[asked.place]]
-        first = add(against.own, against.beside, own)
-        second = add(against.rivals[asked.other], against.beside, own)
+        first = own(asked.place)
+        second = add(against.rivals[asked.other], against.beside, [at for _, at in own_places[asked.place]])
         questions.append(Question(first, second, asked.log_odds))
+    for (kind, joints), argument in without_name.items():
+        if argument == own_angle(joints[0]) and len(questions) < MOST:
+            functions, odds = rival_functions(belief.catalogue, kind, joints[0], contests[kind, joints])
+            # What is told in its place, and yet does not do beside a function: as likely as not.
+            questions.append(Question(own((kind, joints)), put(functions), odds if odds <= SURE else 0.0))
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named]
     n_places = belief.n_sought(open_)
     edges, may_pass = _edges(belief, open_, float(np.log(n_places)))
     edges = edges[: MOST - len(questions)]
     for value, log_odds in edges:
-        questions.append(Question(add(value, belief.beside), Answer(), log_odds))
+        first, (kind, joints) = add(value, belief.beside), value.hypothesis.place
+        questions.append(Question(first, Answer(), log_odds))
+        if log_odds > -SURE and kind in CATALOGUE and same_angles(kind, joints[0], setup.robot.n_joints)[0]:
+            # Once it is there, it will have to be told from any function too.
+            against = Contest(belief.beside, valued(belief.beside, belief.catalogue, value.hypothesis), {})
+            functions, odds = rival_functions(belief.catalogue, kind, joints[0], against)
+            questions.append(Question(first, put(functions), min(odds, SURE)))
     asked_already = {value.hypothesis.place for value, _ in edges}
     silent = [h for h in may_pass if h.place not in asked_already]
     for value, log_odds in _silent(belief.beside, silent, float(np.log(n_places))):

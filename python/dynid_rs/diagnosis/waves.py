@@ -60,21 +60,37 @@ def signal_sets(n_joints: int, j: int) -> Iterator[tuple[Signal, ...]]:
             yield pair
 
 
-def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turning: bool = False) -> Hypothesis:
+@dataclass(frozen=True)
+class Window:
+    """Values of an argument from `low` on, `span` of them, within which a function of it is made of `n` waves."""
+
+    low: float
+    span: float
+    n: int
+
+
+def waves(
+    catalogue: Catalogue,
+    j: int,
+    arguments: Sequence[Argument],
+    *,
+    turning: bool = False,
+    within: Window | None = None,
+) -> Hypothesis:
     """Cosine series of an argument within its range, or of two and of their products, on joint j.
 
-    `turning`: times the sign of joint j's speed.
+    `turning`: times the sign of joint j's speed. `within`: of one argument, a window in the place of its range.
     """
     runs, fit = catalogue.runs, catalogue.fit
-    orders = _orders(len(arguments))
-    series = _series(runs, arguments, orders)
+    orders = _orders(len(arguments)) if within is None else [(m,) for m in range(1, within.n + 1)]
+    series = _series(runs, arguments, orders, within)
     if turning:
         width, sharpness = (shape[j] for shape in sign_shape(fit.observations_.plan.friction[0]))
         signs = [_sign(states, j, width, sharpness) for states in runs]
         parts = [s.in_band(own * sign[:, None]) for s, own, sign in zip(runs, series(), signs, strict=True)]
     else:  # the same on every joint
         load = [states.digest("tau_link") for states in runs]
-        key = ("waves", *arguments, *load, *(states.motion for states in runs))
+        key = ("waves", *arguments, within, *load, *(states.motion for states in runs))
         parts = kept(key, lambda: [states.in_band(own) for states, own in zip(runs, series(), strict=True)])
     moves = np.concatenate([states.counted[:, j] for states in runs])
     columns = np.concatenate(parts) * moves[:, None]
@@ -104,7 +120,7 @@ def smoother(function: Hypothesis, more: int) -> Hypothesis:
 
 
 def _series(
-    runs: Sequence[States], arguments: Sequence[Argument], orders: Sequence[tuple[int, ...]]
+    runs: Sequence[States], arguments: Sequence[Argument], orders: Sequence[tuple[int, ...]], within: Window | None
 ) -> Callable[[], Iterator[FloatArray]]:
     """Waves (n, k) along every run."""
 
@@ -112,6 +128,8 @@ def _series(
         values = [[argument.values(states) for states in runs] for argument in arguments]
         low = [min(x.min() for x in own) for own in values]
         span = [max(max(x.max() for x in own) - first, 1e-300) for own, first in zip(values, low, strict=True)]
+        if within is not None:
+            low, span = [within.low], [within.span]
         highest = np.max(orders, axis=0)
         for k in range(len(runs)):
             u = [np.pi * (own[k] - first) / whole for own, first, whole in zip(values, low, span, strict=True)]

@@ -56,6 +56,16 @@ class FourierSeries:
         # One "joint" per coefficient: the series itself stays where it is written.
         return self.trajectory(np.eye(self.n_free), np.zeros(self.n_free)).evaluate(t)
 
+    def falling(self, x: FloatArray, power: FloatArray) -> FloatArray:
+        """Motions (n_free, n_joints) whose velocity's harmonic l is `l ** -power` (n_joints,) of what it is in `x`.
+
+        As near to that as Eq. 18 allows. The greater the power, the wider a joint sweeps at the same speed.
+        """
+        half = self.n_harmonics - 1
+        share = np.arange(1.0, self.n_harmonics + 1)[:, None] ** -power
+        parts = zip((self._sin_space, self._cos_space), (x[:half], x[half:]), strict=True)
+        return np.concatenate([space.T @ (share * (space @ part)) for space, part in parts])
+
     def grid(self, step: float) -> FloatArray:
         """Times from 0 to the end, both among them, at most `step` apart [s]."""
         return np.linspace(0.0, self.duration, int(np.ceil(self.duration / step - 1e-9)) + 1)

@@ -20,17 +20,21 @@ from dynid_rs.diagnosis.along import Along, Told, is_designable
 from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
 from dynid_rs.excitation.fourier import FourierExcitation
 from dynid_rs.excitation.problem import Problem
-from dynid_rs.experiment.worth import Chance, Worth
+from dynid_rs.experiment.worth import Chance, Worth, entropy
 
 if TYPE_CHECKING:
     from dynid_rs.simulation import FourierTrajectory
 
 FloatArray = NDArray[np.float64]
 
-N_DRAWS = 32
+N_DRAWS = 96
 """Random motions from which the walks start, beside the one that excites the parameters."""
+LED_BY = 0.9
+"""Part of what is not known of all answers: the search looks at the least certain questions that hold so much of it."""
 SLOWEST = 0.03
 """Least part of its limits that a joint of a drawn motion uses: slow motion shows what friction does near rest."""
+STEEPEST = 2.0
+"""Greatest power of its number by which a harmonic of a drawn motion is slower than the first: it sweeps wide then."""
 N_WALKS = 3
 FIRST_STEP = 0.4
 """Of a random motion that uses its limits."""
@@ -156,12 +160,14 @@ class _Search:
         return mean
 
     def drawn(self, n: int, *, slow: bool) -> list[FloatArray]:
-        """Random motions within the limits; `slow`: joints that use a part of them."""
+        """Random motions within the limits; `slow`: joints that use a part of them, and sweep wide or shake."""
         found = []
         for _ in range(n):
             x = self.problem.drawn(self.rng)
             if x is not None and slow:
-                x = x * SLOWEST ** self.rng.uniform(0.0, 1.0, x.shape[1])
+                steepness, share = self.rng.uniform(0.0, 1.0, (2, x.shape[1]))
+                x = self.problem.bounds.roughly_scaled(self.problem.series.falling(x, STEEPEST * steepness))
+                x = x * SLOWEST**share
             if x is not None and (inside := self._inside(x)) is not None:
                 found.append(inside)
         return found
@@ -253,34 +259,47 @@ def design_next(
     check_fits(asked, design)
     questions = tuple(q for q in asked.questions if all(is_designable(asked.candidates[k]) for k in q.candidates))
     others = tuple(q for q in asked.questions if q not in questions)
-    along = Along(asked, sorted({k for q in questions for k in q.candidates}), load)
+    leading = led_by(questions)
+    of_all, of_leading = (
+        Along(asked, sorted({k for q in some for k in q.candidates}), load) for some in (questions, leading)
+    )
     deadline = None if time_limit is None else time.monotonic() + time_limit
-    search = _Search(design.problem(), along, design.seed_, deadline)
+    search = _Search(design.problem(), of_leading, design.seed_, deadline)
     with threadpool_limits(limits=1, user_api="blas"):
         on_progress("drawing motions")
         first = np.array(design.x_)
-        random = [(x, search.told(x)) for x in search.drawn(N_DOMAIN, slow=False)]
+        random = search.drawn(N_DOMAIN, slow=False)
         if not random:
             raise ValueError(f"none of {N_DOMAIN} random motions keeps the constraints; widen them, or choose a start")
-        mean = Told.mean([told for _, told in random])
-        worth = Worth(asked, questions, search.domain([x for x, _ in random]))
-        exciting = search.told(first)
-        known = [(worth.nats(told), x) for x, told in ((first, exciting), *random)]
-        best = max(search.best(known, worth, max_iter, on_progress), known[0], key=lambda pair: pair[0])
-        told = search.told(best[1])
-        excess = Excess(*(worth.excess(each) for each in (None, told, mean, exciting)))
+        domain = search.domain(random)
+        worth = Worth(asked, leading, domain)
+        known = [(worth.nats(search.told(x)), x) for x in (first, *random)]
+        _, best = max(search.best(known, worth, max_iter, on_progress), known[0], key=lambda pair: pair[0])
+        search.along, worth = of_all, Worth(asked, questions, domain)
+        told, exciting, *each = (search.told(x) for x in (best, first, *random))
+        mean = Told.mean(each)
+        excess = Excess(*(worth.excess(after) for after in (None, told, mean, exciting)))
     return NextExperiment(
-        design.with_motion(best[1]),
+        design.with_motion(best),
         asked,
         questions,
         others,
         _compared(worth, [told]),
-        _compared(worth, [each for _, each in random]),
+        _compared(worth, each),
         _compared(worth, [exciting]),
         _times(worth, mean, worth.nats(told)),
         excess,
         search.n_evaluations,
     )
+
+
+def led_by(questions: Sequence[Question]) -> tuple[Question, ...]:
+    """The least certain questions, which hold `LED_BY` of what is not known of all answers."""
+    doubts = np.array([entropy(np.array(question.log_odds)) for question in questions])
+    order = np.argsort(-doubts, kind="stable")
+    before = np.cumsum(doubts[order]) - doubts[order]
+    chosen = set(order[before < LED_BY * doubts.sum()].tolist())
+    return tuple(question for k, question in enumerate(questions) if k in chosen)
 
 
 def check_fits(asked: OpenQuestions, design: FourierExcitation) -> None:

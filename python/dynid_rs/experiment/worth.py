@@ -7,7 +7,7 @@ standard normal:
     with a shape          y ~ N(D^(1/2) m, I + D^(1/2) V D^(1/2))
     log odds afterwards   L = L_0 + ln p(y | 1) - ln p(y | 2)
     settled rightly       if L passes ln 19 towards the true one
-    told                  H(p_0) - E[H(p(y))]       entropy of which it is (Lindley 1956; Box and Hill 1967)
+    told                  H(p_0) + E[ln p(y)]       p(y) of the true one (Lindley 1956; Box and Hill 1967)
 
 Expectations are means over the same draws of e for every motion, so a search sees a smooth function.
 """
@@ -60,11 +60,15 @@ class Chance:
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """One shape of an answer: its weight, and mean (k,) and covariance (k, k) of all coefficients in question."""
+    """One shape of an answer: its weight, and mean (k,) and covariance (k, k) of all coefficients in question.
+
+    `fixed` (k, k): the covariance where the shape is what it is.
+    """
 
     weight: float
     mean: FloatArray
     covariance: FloatArray
+    fixed: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +144,7 @@ class Worth:
         return sum(chance.told for chance in self.chances(told)) + self.doubt() - self.doubt(told)
 
     def _chance(self, held: _Held, draws: FloatArray, told: Told) -> Chance:
-        from scipy.special import expit
+        from scipy.special import expit, log_expit
 
         more = _own(self.asked.precision + told.unknowns, held.beside, held.at) - held.now
         values, vectors = np.linalg.eigh((more + more.T) / 2)
@@ -153,10 +157,10 @@ class Worth:
         p = float(expit(held.log_odds))
         right = _mean(first, lambda odds: odds > SURE), _mean(second, lambda odds: odds < -SURE)
         wrong = _mean(first, lambda odds: odds < -SURE), _mean(second, lambda odds: odds > SURE)
-        left = p * _mean(first, _entropy) + (1 - p) * _mean(second, _entropy)
+        known = p * _mean(first, log_expit) + (1 - p) * _mean(second, lambda odds: log_expit(-odds))
         either = [p * one + (1 - p) * other for one, other in (right, wrong)]
-        now = float(_entropy(np.array(held.log_odds)))
-        return Chance(held.log_odds, right[0], right[1], either[0], either[1], now - left)
+        now = float(entropy(np.array(held.log_odds)))
+        return Chance(held.log_odds, right[0], right[1], either[0], either[1], now + known)
 
     @staticmethod
     def _odds(held: _Held, y: FloatArray, answers: Sequence[Sequence[_Seen]]) -> FloatArray:
@@ -168,7 +172,9 @@ class Worth:
 class _Seen:
     """What a shape makes of the statistic y, whose covariance is `spread @ spread.T`.
 
-    Mean (k,), `spread` (k, k), its inverse, and the logarithm of weight over the determinant of `spread`.
+    Mean (k,), `spread` (k, k), its inverse, and the logarithm of weight over the root of the covariance's determinant
+    where the shape is fixed: a diagnosis looks for the likeliest shape, which has no price in evidence beyond the
+    grid's. What that takes up of noise alone, half a nat for each direction that rows tell, is taken off.
     """
 
     weight: float
@@ -179,9 +185,13 @@ class _Seen:
 
 
 def _seen(shape: _Shape, root: FloatArray) -> _Seen:
-    spread = np.asarray(np.linalg.cholesky(np.eye(len(root)) + root @ shape.covariance @ root), dtype=np.float64)
-    log_weight = float(np.log(max(shape.weight, 1e-300)) - np.sum(np.log(np.diag(spread))))
-    unspread = np.asarray(np.linalg.inv(spread), dtype=np.float64)
+    spread, fixed = (
+        np.asarray(np.linalg.cholesky(np.eye(len(root)) + root @ covariance @ root), dtype=np.float64)
+        for covariance in (shape.covariance, shape.fixed)
+    )
+    unspread, unfixed = (np.asarray(np.linalg.inv(each), dtype=np.float64) for each in (spread, fixed))
+    fitted = 0.5 * float(np.sum(unfixed**2) - np.sum(unspread**2))
+    log_weight = float(np.log(max(shape.weight, 1e-300)) - np.sum(np.log(np.diag(fixed)))) - fitted
     return _Seen(shape.weight, root @ shape.mean, spread, unspread, log_weight)
 
 
@@ -206,19 +216,22 @@ def _held(asked: OpenQuestions, question: Question) -> _Held:
     spots = [asked.at(k) for k in question.candidates]
     at = np.concatenate(spots)
     beside = asked.declared(asked.candidates[question.candidates[0]].instead_of)
-    nothing = _Shape(1.0, np.zeros(len(at)), np.zeros((len(at), len(at))))
+    nothing = _Shape(1.0, np.zeros(len(at)), *np.zeros((2, len(at), len(at))))
     shapes: list[list[_Shape]] = []
     first, n = 0, 0
     for answer in (question.first, question.second):
         own = []
         for number, weight in zip(answer.candidates, answer.weights, strict=True):
-            mean, covariance = np.zeros(len(at)), np.zeros((len(at), len(at)))
+            mean, (covariance, fixed) = np.zeros(len(at)), np.zeros((2, len(at), len(at)))
             here = slice(first, first + len(spots[n]))
             likeliest = asked.candidates[number].mean
             mean[first : first + len(likeliest)] = likeliest  # its shape's are where they are by definition
             known = _own(asked.precision, beside, spots[n])
-            covariance[here, here] = np.linalg.inv(known + RIDGE * np.diag(np.diag(known)))
-            own.append(_Shape(weight, mean, covariance))
+            known = known + RIDGE * np.diag(np.diag(known))
+            covariance[here, here] = np.linalg.inv(known)
+            of_kind = slice(first, first + len(likeliest))
+            fixed[of_kind, of_kind] = np.linalg.inv(known[: len(likeliest), : len(likeliest)])
+            own.append(_Shape(weight, mean, covariance, fixed))
             first, n = first + len(spots[n]), n + 1
         shapes.append(own or [nothing])
     return _Held(beside, at, _own(asked.precision, beside, at), (shapes[0], shapes[1]), question.log_odds)
@@ -242,9 +255,9 @@ def _draws(k: int) -> FloatArray:
     return np.concatenate([e, -e])
 
 
-def _entropy(log_odds: FloatArray) -> FloatArray:
+def entropy(log_odds: FloatArray) -> FloatArray:
     """Of two answers with these odds, in nats."""
     from scipy.special import entr, expit
 
-    entropy: FloatArray = entr(expit(log_odds)) + entr(expit(-log_odds))
-    return entropy
+    both: FloatArray = entr(expit(log_odds)) + entr(expit(-log_odds))
+    return both
