@@ -54,7 +54,7 @@ LONGEST = 64.0
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """What a motion is worth: chances per question, and nats in all."""
+    """What a motion is worth: chances per question, and nats about those that lead (`led_by`) and about a row."""
 
     chances: tuple[Chance, ...]
     nats: float
@@ -272,34 +272,38 @@ def design_next(
         if not random:
             raise ValueError(f"none of {N_DOMAIN} random motions keeps the constraints; widen them, or choose a start")
         domain = search.domain(random)
-        worth = Worth(asked, leading, domain)
-        known = [(worth.nats(search.told(x)), x) for x in (first, *random)]
-        _, best = max(search.best(known, worth, max_iter, on_progress), known[0], key=lambda pair: pair[0])
-        search.along, worth = of_all, Worth(asked, questions, domain)
+        led, worth = Worth(asked, leading, domain), Worth(asked, questions, domain)
+        known = [(led.nats(search.told(x)), x) for x in (first, *random)]
+        nats, best = max(search.best(known, led, max_iter, on_progress), known[0], key=lambda pair: pair[0])
+        of_random = Told.mean([search.told(x) for x in random])
+        search.along = of_all
         told, exciting, *each = (search.told(x) for x in (best, first, *random))
-        mean = Told.mean(each)
-        excess = Excess(*(worth.excess(after) for after in (None, told, mean, exciting)))
+        excess = Excess(*(worth.excess(after) for after in (None, told, Told.mean(each), exciting)))
     return NextExperiment(
         design.with_motion(best),
         asked,
         questions,
         others,
-        _compared(worth, [told]),
-        _compared(worth, each),
-        _compared(worth, [exciting]),
-        _times(worth, mean, worth.nats(told)),
+        Compared(_mean_of([worth.chances(told)]), nats),
+        Compared(_mean_of([worth.chances(one) for one in each]), float(np.mean([value for value, _ in known[1:]]))),
+        Compared(_mean_of([worth.chances(exciting)]), known[0][0]),
+        _times(led, of_random, nats),
         excess,
         search.n_evaluations,
     )
 
 
 def led_by(questions: Sequence[Question]) -> tuple[Question, ...]:
-    """The least certain questions, which hold `LED_BY` of what is not known of all answers."""
-    doubts = np.array([entropy(np.array(question.log_odds)) for question in questions])
+    """The least certain questions, which hold `LED_BY` of what is not known of all answers.
+
+    What is sure already waits as long as something is open: many that are hardly likely would outweigh one tie.
+    """
+    asked = [question for question in questions if question.is_open] or list(questions)
+    doubts = np.array([entropy(np.array(question.log_odds)) for question in asked])
     order = np.argsort(-doubts, kind="stable")
     before = np.cumsum(doubts[order]) - doubts[order]
     chosen = set(order[before < LED_BY * doubts.sum()].tolist())
-    return tuple(question for k, question in enumerate(questions) if k in chosen)
+    return tuple(question for k, question in enumerate(asked) if k in chosen)
 
 
 def check_fits(asked: OpenQuestions, design: FourierExcitation) -> None:
@@ -326,13 +330,11 @@ def least_duration(asked: OpenQuestions) -> float:
     return LEAST_PERIODS / asked.cutoff
 
 
-def _compared(worth: Worth, told: Sequence[Told]) -> Compared:
-    """Mean over motions of the same length."""
-    chances = [worth.chances(each) for each in told]
-    mean = [
+def _mean_of(chances: Sequence[Sequence[Chance]]) -> tuple[Chance, ...]:
+    """Chances of every question, their mean over motions of the same length."""
+    return tuple(
         Chance(*(float(np.mean(x)) for x in zip(*map(astuple, own), strict=True))) for own in zip(*chances, strict=True)
-    ]
-    return Compared(tuple(mean), float(np.mean([worth.nats(each) for each in told])))
+    )
 
 
 def _times(worth: Worth, mean: Told, nats: float) -> float | None:
