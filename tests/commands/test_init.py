@@ -349,6 +349,16 @@ def test_the_gears_torque_of_kuka_comes_before_its_currents(tmp_path):
     assert any("current is ignored because torque is read" in note for note in answer["notes"])
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_signals_of_a_kind_the_actual_one_is_taken(order):
+    """Whichever stands first in the file."""
+    both = ["actual_position", "position"][::order]
+    names = ["t", *(f"{head}_{j}" for head in (*both, "tau") for j in range(3))]
+    found = guess(names, ["a", "b", "c"], {})
+    assert found.columns["q"] == "actual_position_{i}"
+    assert list(found.others.values()) == ["actual_position_- was taken for q"]
+
+
 def test_joints_in_the_order_of_messages_are_a_question():
     """rostopic echo -p writes the names beside the numbers; JointState sorts them as it likes."""
     names = ["%time", *(f"field.{word}{k}" for word in ("name", "position", "velocity", "effort") for k in range(6))]

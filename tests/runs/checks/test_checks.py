@@ -366,6 +366,19 @@ def test_a_coarse_channel_is_seen_where_a_fast_joint_hardly_repeats_a_value():
     }
 
 
+def test_a_longer_step_of_time_explains_a_longer_way():
+    """Samples that are lost are a gap, and no jump of the joint that went on meanwhile."""
+
+    def change(a):
+        kept = np.r_[0:700, 708:N]
+        for name, values in a.items():
+            a[name] = values[kept]
+
+    found = check(change)
+    assert "position_jump" not in [finding.code for finding in found]
+    assert found  # the gap itself
+
+
 @pytest.mark.parametrize("rows", [1, 3])
 def test_rows_that_lie_about_a_turn_away_and_come_back_are_damaged(rows):
     """An angle that starts again stays where it is for longer."""

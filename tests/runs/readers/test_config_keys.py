@@ -6,9 +6,11 @@ import tomllib
 import jsonschema
 import pytest
 from helpers.data import ROOT
+from scipy import constants
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.readers import Config, read_config
+from dynid_rs.runs.readers.config import UNITS
 from dynid_rs.runs.readers.key_page import page, schema, schema_text
 from dynid_rs.runs.readers.keys import KEYS
 
@@ -56,3 +58,23 @@ def test_gears_that_a_robot_has_given_are_given_once(tmp_path):
     assert given.with_gears((1.0, 1.0)) == given.with_gears(None) == given
     with pytest.raises(DataError, match="needs ratio beside it"):
         left_open.with_gears(None)
+
+
+def test_units_are_those_of_the_si():
+    told = {
+        "time": {
+            "s": 1.0,
+            "ms": constants.milli,
+            "us": constants.micro,
+            "ns": constants.nano,
+            "100ns": 100 * constants.nano,
+        },
+        "angle": {"rad": 1.0, "deg": constants.degree},
+        "velocity": {"rad/s": 1.0, "deg/s": constants.degree, "rpm": 2 * constants.pi / constants.minute},
+        "length": {"m": 1.0, "mm": constants.milli},
+        "torque": {"N*m": 1.0, "mN*m": constants.milli, "kN*m": constants.kilo},
+        "current": {"A": 1.0, "mA": constants.milli},
+    }
+    assert UNITS.keys() == told.keys()
+    for quantity, factors in told.items():
+        assert UNITS[quantity] == pytest.approx(factors)
