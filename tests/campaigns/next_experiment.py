@@ -17,7 +17,11 @@ import sys
 import tempfile
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from itertools import islice
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +54,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found = read_kept(options.keep, invocation, ("seed",), "cases")
     ends = time.monotonic() + 60 * options.minutes
     drawn = REPORTED + stream(options.seed, 61).choice(LARGEST - REPORTED, 20 * options.open, replace=False)
-    for seed in drawn[len(found["cases"]) :].tolist():
-        if sum(case["open"] for case in found["cases"]) >= options.open or time.monotonic() > ends:
-            break
-        found["cases"].append(examine(int(seed)))
-        print(_told(found["cases"][-1]), flush=True)
+    seeds = drawn[len(found["cases"]) :].tolist()
+
+    def enough() -> bool:
+        return sum(case["open"] for case in found["cases"]) >= options.open or time.monotonic() > ends
+
+    for case in examined(seeds, options.jobs, enough):
+        found["cases"].append(case)
+        print(_told(case), flush=True)
         keep(options.keep, found)
     print(next_page.tables(found["cases"]))
     if options.page is not None:
@@ -63,11 +70,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def examined(seeds: Sequence[int], jobs: int, enough: Callable[[], bool]) -> Iterator[Figures]:
+    """Cases in the order of their seeds, `jobs` at once; none begins once there are `enough`."""
+    left, running = iter(seeds), deque[Future[Figures]]()
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        while True:
+            running.extend(pool.submit(examine, seed) for seed in islice(left, 0 if enough() else jobs - len(running)))
+            if not running:
+                return
+            yield running.popleft().result()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Campaign of the next experiment")
     parser.add_argument("--seed", type=int, required=True, help="from which arms and effects are drawn")
     parser.add_argument("--open", type=int, default=100, help="cases that a minute leaves open")
     parser.add_argument("--minutes", type=float, default=60.0, help="no case begins after them")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at once, each in a process of its own")
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
     parser.add_argument("--keep", type=Path, help="file in which figures stay; goes on where it broke off")
     return parser
