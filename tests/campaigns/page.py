@@ -232,7 +232,7 @@ CAMPAIGNS = {
 def run(campaign: Campaign, quick: bool) -> Figures:
     """Run it; its figures. A campaign that found something has figures too."""
     command = campaign.quick if quick else campaign.command
-    typed = re.sub(rf"\b{PYTHON} ", f"{sys.executable} ", command)
+    typed = re.sub(rf"(?<![\w-]){PYTHON} ", f"{sys.executable} ", command)  # not the option --python
     environment = os.environ | {"PYTHONPATH": str(ROOT / "python")}
     done = subprocess.run(typed, shell=True, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=False)
     try:
