@@ -91,6 +91,10 @@ def test_what_the_joint_beside_makes_is_drawn_over_its_torque(place: int) -> Non
 def test_a_coupling_is_drawn_over_the_acceleration_that_makes_it() -> None:
     pair = PlacedEffect("inertial_coupling", (0, 1), (("partner", (1.0, 0.0)),))
     assert drawn(pair, ddq=np.linspace(-1.0, 1.0, N))["signal"] == "ddq_b"
+    accelerations = np.stack([np.linspace(-1.0, 1.0, N), np.linspace(3.0, 5.0, N)], axis=1)
+    name, _, values = _signal(_found(ddq=accelerations), pair, np.zeros(N))
+    assert name == "ddq"
+    assert_allclose(values, accelerations[:, 1])  # a channel's gain is none of a motion's
 
 
 def test_what_goes_round_often_is_drawn_over_one_cycle() -> None:

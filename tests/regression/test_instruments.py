@@ -120,12 +120,14 @@ def test_the_test_keeps_its_size_on_clean_data(plan, memory):
     assert_allclose(np.mean(statistics), 1.0, atol=0.1)  # neither anxious nor deaf
 
 
-def test_two_stages_are_the_textbook_estimate(plan):
+@pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (1.0, 0.5, 3.0)])
+def test_two_stages_are_the_textbook_estimate(plan, gains):
     """x = (W' P W)^-1 W' P tau with P the projection on all joints' instruments, on the full stacked matrices."""
     recording = closed_loop.run(ENCODER_NOISE).recording(torque_noise=0.2)
     states = prepare(recording, Band(5.0), closed_loop.RATE)
     observations = observe(plan, [states])
     links = LinkDynamicsIdentifier(None, prior=None).fit(observations)
+    links.torque_scale_ = np.array(gains)  # as currents have them: what links make of a channel, and not a joint's own
     instruments = InstrumentalVariables("reference").fit(observations, links, [states])
     account = observe(plan, [instrument_states(states, "reference")])
     used = plan.estimable()
@@ -135,7 +137,8 @@ def test_two_stages_are_the_textbook_estimate(plan):
         for j in range(3):
             part = np.concatenate([block.rows[j] for block in made.blocks])
             full = np.zeros((len(part), plan.n_columns + 1))
-            full[:, plan.unknowns(j)], full[:, -1] = part[:, :-1], part[:, -1]
+            units = np.r_[np.ones(plan.n_own), np.full(part.shape[1] - 1 - plan.n_own, gains[j])]
+            full[:, plan.unknowns(j)], full[:, -1] = part[:, :-1] * units, part[:, -1]
             rows.append(full)
         return rows
 
