@@ -17,9 +17,11 @@ from dynid_rs import Recording
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.along import NEEDS_MORE, Along, Told, is_designable
 from dynid_rs.diagnosis.any_function import function_along, own_angle
+from dynid_rs.diagnosis.candidates import SPREAD, STEP, free_shape, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue
 from dynid_rs.diagnosis.open_file import checksum_of, read_open, to_json
 from dynid_rs.diagnosis.open_questions import Answer, Question
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.waves import waves
 from dynid_rs.excitation import ExcitationLimits
 from dynid_rs.experiment.answer import sentences, words
@@ -286,6 +288,22 @@ def test_what_two_kinds_tell_by_the_volume_of_their_shapes_is_no_evidence(asked)
     (chance,) = worth.chances(Told(np.zeros_like(asked.known), more))
     assert chance.first < 0.1
     assert chance.wrong < 0.1
+
+
+def test_behind_a_candidate_stands_what_its_torque_changes_by_with_its_shape(found, asked):
+    candidate = asked.candidates[tie_of(asked).second.candidates[0]]
+    catalogue, own = Catalogue(found.after), Shaped(*candidate.place, candidate.shape)
+    (h,) = catalogue.of([own])
+    (j,) = candidate.joints
+    columns = with_slopes(catalogue, candidate, {j: h.columns[j] * (candidate.unit / h.unit)})[j]
+    slopes = columns[:, len(candidate.unit) :]
+    names = free_shape(candidate)
+    assert slopes.shape[1] == len(names) > 1
+    for slope, name in zip(slopes.T, names, strict=True):
+        value = dict(candidate.shape)[name]
+        moved = [value + d if name == "phase" else value * (1 + d) for d in (-STEP, STEP)]
+        low, high = (catalogue.torque(own.with_shape(name, x), candidate.unit * candidate.mean)[j] for x in moved)
+        assert_allclose(slope, SPREAD * (high - low) / (2 * STEP), atol=1e-9 * np.abs(slope).max())
 
 
 def test_the_search_looks_at_the_least_certain_questions(asked):
