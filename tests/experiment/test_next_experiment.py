@@ -16,14 +16,15 @@ import dynid_rs as dyn
 from dynid_rs import Recording
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.along import NEEDS_MORE, Along, Told, is_designable
-from dynid_rs.diagnosis.any_function import function_along, own_angle
+from dynid_rs.diagnosis.any_function import _as_rough, _window, own_angle
 from dynid_rs.diagnosis.candidates import SPREAD, STEP, free_shape, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue
 from dynid_rs.diagnosis.open_file import checksum_of, read_open, to_json
 from dynid_rs.diagnosis.open_questions import Answer, Question
 from dynid_rs.diagnosis.shaped import Shaped
-from dynid_rs.diagnosis.waves import waves
+from dynid_rs.diagnosis.waves import smoother, waves
 from dynid_rs.excitation import ExcitationLimits
+from dynid_rs.excitation.series import FourierSeries
 from dynid_rs.experiment.answer import sentences, words
 from dynid_rs.experiment.answer import to_json as next_json
 from dynid_rs.experiment.designing import led_by
@@ -262,20 +263,51 @@ def test_beyond_the_angles_that_were_seen_a_law_is_told_from_any_function(unname
     assert names(after) == {("position_dependent_friction", ("wrist",))}
 
 
-def test_a_function_without_a_name_is_as_rough_within_the_seen_angles_as_one_that_is_made_for_them(unnamed):
-    """The variance beforehand of a function's torque along the runs, made of waves on them or on a whole turn."""
+@pytest.mark.parametrize("falls", [2, 3, 4])
+def test_a_function_on_a_whole_turn_is_as_rough_within_the_seen_angles_as_one_that_is_made_for_them(unnamed, falls):
+    """How much its torque varies along the runs beforehand, and how much that changes with the angle."""
     _, found = unnamed
-    candidate = next(c for c in found.asked.candidates if c.kind == "unknown")
     catalogue = Catalogue(found.after)
-    turning = bool(dict(candidate.shape)["turning"])
-    assert turning  # friction turns round with the speed
-    seen = waves(catalogue, 2, [own_angle(2)], turning=True).columns[2]
-    span = np.ptp(np.concatenate([states.q[:, 2] for states in catalogue.runs]))
-    anywhere = function_along(catalogue, candidate)
-    assert len(candidate.unit) == np.ceil(10 * 2 * np.pi / span)
-    whole = anywhere.columns[2] / anywhere.unit * candidate.unit
-    ratio = np.mean(np.sum(whole**2, axis=1)) / np.mean(np.sum(seen**2, axis=1))
-    assert 0.3**2 / 2 < ratio < 10**2 * 2  # sizes that are tried, within a factor of two
+    window, seen = _window(catalogue, 2)
+    assert window.n == np.ceil(10 / seen)
+    made = waves(catalogue, 2, [own_angle(2)])
+    made = smoother(made, falls - 2).columns[2]
+    anywhere = _as_rough(waves(catalogue, 2, [own_angle(2)], within=window), seen, falls).columns[2]
+    one, other = (part - part.mean(axis=0) for part in (made, anywhere))
+    assert np.sum(other**2) == pytest.approx(np.sum(one**2), rel=0.8)
+    changes = [np.sum(np.diff(part, axis=0) ** 2) / np.sum(part**2) for part in (one, other)]
+    assert changes[1] == pytest.approx(changes[0], rel=0.8)
+
+
+def test_a_function_may_be_anything_where_the_joint_may_go(unnamed):
+    _, found = unnamed
+    window, _ = _window(Catalogue(found.after), 2)
+    assert window.low <= ROBOT.lower[2]
+    assert window.low + window.span >= ROBOT.upper[2]
+    assert window.span >= 2 * np.pi
+
+
+def test_gears_that_two_encoders_see_take_nothing_away_along_a_motion(asked, designed):
+    motion = designed.trajectory.evaluate(np.arange(0.0, 10.0, 0.005))
+    question = tie_of(asked)
+    at = np.concatenate([asked.at(k) for k in question.candidates])
+    seen = replace(asked, two_encoders=True)
+    more, less = (np.diag(Along(one, question.candidates).information(motion).unknowns)[at] for one in (seen, asked))
+    assert np.all(more >= less * (1 - 1e-9))
+    assert np.any(more > 1.01 * less)
+
+
+def test_harmonics_that_fall_keep_the_ends_at_rest():
+    series = FourierSeries(5, 10.0)
+    x = np.random.default_rng(0).normal(size=(series.n_free, 2))
+    assert_allclose(series.falling(x, np.zeros(2)), x, atol=1e-12)
+    wide = series.trajectory(series.falling(x, np.full(2, 2.0)), np.zeros(2))
+    q, dq, ddq = wide.evaluate(np.array([0.0, 10.0]))
+    assert_allclose([q, dq, ddq], 0.0, atol=1e-12)
+    plain = series.trajectory(x, np.zeros(2))
+    t = np.linspace(0.0, 10.0, 500)
+    ways = [np.ptp(one.evaluate(t)[0], axis=0) / np.abs(one.evaluate(t)[1]).max(axis=0) for one in (plain, wide)]
+    assert np.all(ways[1] > ways[0])  # further at the same speed
 
 
 def test_what_two_kinds_tell_by_the_volume_of_their_shapes_is_no_evidence(asked):
@@ -386,7 +418,9 @@ def function(joint, span, n=1):
         (lambda c: c | {"questions": [{"first": {"candidates": [999], "weights": [1]}}]}, '"candidates" must be'),
         (lambda c: c | {"cutoff_hz": 0.0}, '"cutoff_hz" must be'),
         (lambda c: c | {"candidates": [{"kind": "magic"}]}, "its content is not what it should be"),
-        (lambda c: c | {"candidates": [function("wrist", 0.0)]}, "a function has a span, turns or does not"),
+        (lambda c: c | {"candidates": [function("wrist", 0.0)]}, "a function has a window and units of usual sizes"),
+        (lambda c: c | {"candidates": [function("wrist", 5e-324)]}, "a function has a window and units of usual sizes"),
+        (lambda c: c | {"weights": [1.0, 2.0, 10**400]}, '"weights" must hold numbers'),
         (lambda c: c | {"candidates": [function("wrist", 1.0, 61)]}, "has 1 to 60 waves"),
         (lambda c: c | {"candidates": [function("nobody", 1.0)]}, "its content is not what it should be"),
         (lambda c: c | {"structure": [{"kind": "gravity_tilt", "joints": [], "value": [1.0]}]}, "has 2 numbers"),

@@ -48,7 +48,7 @@ def is_designable(candidate: Candidate) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What rows say of the declared unknowns alone (m, m), and of all beside friction's other shapes (n, n)."""
+    """What rows say of the declared unknowns alone (m, m), and of all beside what else they may show (n, n)."""
 
     declared: FloatArray
     unknowns: FloatArray
@@ -216,7 +216,7 @@ class Along:
         """Friction's other shapes on the joints in question, and gears that yield; coefficients are standard normal."""
         sooner = other_time(fit)
         about = About(fit, self.asked.about.phi, self.asked.about.root)
-        return yielding(fit, about) + [
+        return ([] if self.asked.two_encoders else yielding(fit, about)) + [
             {j: SHAPE_SPREAD * columns}
             for j in self.joints
             for columns in (

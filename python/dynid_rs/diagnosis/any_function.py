@@ -7,6 +7,7 @@ says already, and a function does not: it is made of waves on a whole turn, as r
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from dynid_rs.diagnosis.candidates import ALIVE, Candidate, size_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.trials import Value
-from dynid_rs.diagnosis.waves import ALONE, FALLS, SMOOTHER, Argument, Window, of_signal, same_angles, smoother, waves
+from dynid_rs.diagnosis.waves import ALONE, FALLS, SMOOTHER, Argument, Window, of_signal, same_angles, waves
 from dynid_rs.regression.linear_model import Columns
 
 FloatArray = NDArray[np.float64]
@@ -23,11 +24,13 @@ FloatArray = NDArray[np.float64]
 UNKNOWN = "unknown"
 """Kind of a candidate that is a function without a name."""
 TURN = 2 * math.pi
-"""Angles [rad] that a turning joint may show."""
+"""Angles [rad] that a turning joint may show at least; up to twice as many where its limits are wider."""
 SLIDES = 3.0
-"""Ways of a sliding joint, over the seen one, that it may show."""
+"""The same of a sliding joint, over the way that was seen."""
 MOST_WAVES = 60
-"""Waves of a function at most: of a joint that has hardly moved, which ten of them within its way tell no better."""
+"""Waves of a function at most: where a joint went no further than a sixth of its window they are longer."""
+ROUGHNESSES = 2
+"""Of a function that are kept, the likeliest."""
 
 
 def own_angle(j: int) -> Argument:
@@ -40,22 +43,19 @@ def rival_functions(
 ) -> tuple[list[tuple[Candidate, Columns, float]], float]:
     """Functions that may stand in the place of a law on joint j, each with its columns and how probable it is.
 
-    Three of them, of different roughness, less those that the runs refute; and the logarithmic odds of the law against
-    all three.
+    Of different roughness, less what the runs refute; and the logarithmic odds of the law against all of them.
     """
     from scipy.special import logsumexp, softmax
 
     turning = same_angles(kind, j, catalogue.fit.robot.n_joints)[1]
-    window = _window(catalogue, j)
-    seen = float(np.ptp(np.concatenate([own_angle(j).values(states) for states in catalogue.runs])))
-    function = _as_rough(waves(catalogue, j, [own_angle(j)], turning=turning, within=window), seen / window.span)
-    values = [valued(against.beside, catalogue, smoother(function, more)) for more in SMOOTHER]
+    window, seen = _window(catalogue, j)
+    function = waves(catalogue, j, [own_angle(j)], turning=turning, within=window)
+    values = [valued(against.beside, catalogue, _as_rough(function, seen, FALLS + more)) for more in SMOOTHER]
     logs = np.array([value.value for value in values])
     odds = against.own.value - float(logsumexp(logs) - np.log(len(logs)))
-    alive = np.flatnonzero(logs > logs.max() - ALIVE)
-    alive = alive[np.argsort(-logs[alive], kind="stable")]
+    alive = [k for k in np.argsort(-logs, kind="stable").tolist() if logs[k] > logs.max() - ALIVE][:ROUGHNESSES]
     weights = softmax(logs[alive]).tolist()
-    found = [_candidate(values[k], window, turning, against) for k in alive.tolist()]
+    found = [_candidate(values[k], window, turning, against) for k in alive]
     return [(*own, weight) for own, weight in zip(found, weights, strict=True)], odds
 
 
@@ -66,21 +66,29 @@ def function_along(catalogue: Catalogue, candidate: Candidate) -> Hypothesis:
     return waves(catalogue, j, [own_angle(j)], turning=bool(shape["turning"]), within=window)
 
 
-def _window(catalogue: Catalogue, j: int) -> Window:
-    """A turn about the middle of the angles that were seen, with waves as short as `ALONE` of them within these."""
+def _window(catalogue: Catalogue, j: int) -> tuple[Window, float]:
+    """Where the joint may go: a turn about the middle of what was seen, and its limits; and the part that was seen.
+
+    Its waves are as short as `ALONE` of them within that part, or as `MOST_WAVES` let them be.
+    """
+    robot = catalogue.fit.robot
     q = np.concatenate([own_angle(j).values(states) for states in catalogue.runs])
-    seen, middle = max(float(np.ptp(q)), 1e-9), float(q.min() + q.max()) / 2
-    revolute = catalogue.fit.robot.joint_kinds[j] == "revolute"
-    span = max(TURN, seen) if revolute else SLIDES * seen
-    return Window(middle - span / 2, span, min(MOST_WAVES, math.ceil(ALONE * span / seen)))
+    way, middle = max(float(np.ptp(q)), 1e-9), float(q.min() + q.max()) / 2
+    span = max(TURN if robot.joint_kinds[j] == "revolute" else SLIDES * way, way)
+    limits = np.array([robot.lower[j], robot.upper[j]])
+    # Some files say a thousand turns.
+    within = np.clip(limits[np.isfinite(limits)], middle - span, middle + span)
+    ends = np.array([middle - span / 2, middle + span / 2, *within])
+    low, span = float(ends.min()), float(np.ptp(ends))
+    return Window(low, span, min(MOST_WAVES, math.ceil(ALONE * span / way))), way / span
 
 
-def _as_rough(function: Hypothesis, seen: float) -> Hypothesis:
-    """The function with waves that vary within the seen part of its window as those that are made for it would."""
+def _as_rough(function: Hypothesis, seen: float, falls: float) -> Hypothesis:
+    """The function with waves that vary within the `seen` part of its window as those that are made for it would."""
     order = np.arange(1.0, len(function.unit) + 1)
-    factor = np.sqrt(seen) * np.maximum(order * seen, 1.0) ** -FALLS * order**FALLS
+    factor = np.sqrt(seen) * np.maximum(order * seen, 1.0) ** -falls * order**FALLS
     columns = {j: part * factor for j, part in function.columns.items()}
-    return Hypothesis(**{**vars(function), "columns": columns, "unit": function.unit * factor})
+    return replace(function, columns=columns, unit=function.unit * factor)
 
 
 def _candidate(value: Value, window: Window, turning: bool, against: Contest) -> tuple[Candidate, Columns]:

@@ -39,6 +39,8 @@ FORMAT, VERSION = "dynid-open", 4
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
 DIGITS = 9
+NEAR, FAR = 1e-9, 1e9
+"""What a window of angles, and a unit of torque, are between."""
 
 
 def to_json(asked: OpenQuestions) -> dict[str, Any]:
@@ -54,6 +56,7 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
         "torque_per_newton_meter": asked.unit,
         "cutoff_hz": asked.cutoff,
         "rate_hz": asked.rate,
+        "two_encoders": asked.two_encoders,
         "named": [{**_place(place, names), "log_odds": odds} for place, odds in asked.named],
         "structure": [
             {**_place(place, names), "value": [] if place[0] == "torque_gain" else value_of(setup, *place).tolist()}
@@ -175,7 +178,7 @@ class _Reader:
             self.refuse("is not as it was written (its checksum differs)")
         try:
             return self._content(content, options)
-        except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
+        except (KeyError, TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
             if isinstance(error, DataError):
                 raise
             self.refuse(f"its content is not what it should be ({shown(str(error), 100)})")
@@ -224,6 +227,7 @@ class _Reader:
             about,
             cutoff,
             rate,
+            bool(content["two_encoders"]),
             str(content["torque_unit"]),
             self.number(content["torque_per_newton_meter"], "torque_per_newton_meter"),
             self.array(content["weights"], "weights", (n,)),
@@ -267,8 +271,12 @@ class _Reader:
         (j,) = (self.names.index(name) for name in entry["joints"])
         shape = {name: self.number(entry["shape"][name], name) for name in ("low", "span", "turning")}
         unit = self.array(entry["unit"], "unit", (None,))
-        if shape["span"] <= 0 or shape["turning"] not in (0.0, 1.0) or not 0 < len(unit) <= MOST_WAVES:
-            self.refuse(f'"candidates": a function has a span, turns or does not, and has 1 to {MOST_WAVES} waves')
+        sized = abs(shape["low"]) < FAR and NEAR < shape["span"] < FAR and np.all(np.abs(unit) < FAR)
+        if not sized or shape["turning"] not in (0.0, 1.0) or not 0 < len(unit) <= MOST_WAVES:
+            self.refuse(
+                f'"candidates": a function has a window and units of usual sizes, turns or does not, and has 1 to '
+                f"{MOST_WAVES} waves"
+            )
         return Candidate(UNKNOWN, (j,), tuple(shape.items()), unit, self.array(entry["mean"], "mean", unit.shape))
 
     def question(self, entry: dict[str, Any], n_candidates: int) -> Question:
@@ -317,7 +325,7 @@ class _Reader:
         """Finite numbers of a shape; None is any length."""
         try:
             array = np.array(value, dtype=np.float64)
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError):
             self.refuse(f'"{shown(where, 40)}" must hold numbers')
         fits = array.ndim == len(shape) and all(b is None or a == b for a, b in zip(array.shape, shape, strict=True))
         if not fits or not np.isfinite(array).all():

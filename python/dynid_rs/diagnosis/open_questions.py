@@ -59,7 +59,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Question:
-    """Which of two answers is right: a kind at a place, or another one, or nothing.
+    """Which of two answers is right: a kind at a place, or another one, or any function of its angle, or nothing.
 
     `log_odds` of the first against the other after all runs so far.
     """
@@ -93,6 +93,8 @@ class OpenQuestions:
         Columns of the declared model and of what was found, their coefficients, and the inertials behind them.
     cutoff, rate : float
         Of the band and of the runs' grid [Hz].
+    two_encoders : bool
+        Whether the runs showed links and motors apart: what a gear yields is seen then.
     torque_unit : str
         Of the runs.
     unit : float
@@ -121,6 +123,7 @@ class OpenQuestions:
     about: About
     cutoff: float
     rate: float
+    two_encoders: bool
     torque_unit: str
     unit: float
     weights: FloatArray
@@ -186,10 +189,16 @@ def open_questions(
     def add(value: Value, model: Beside, instead_of: Sequence[int] = (), most: int = SHAPES) -> Answer:
         return put(alive(belief.catalogue, value, model, most), instead_of)
 
-    def own(place: Place) -> Answer:
-        against = contests[place]
-        return add(against.own, against.beside, [at for _, at in own_places[place]])
+    def of_angle(kind: str, j: int) -> bool:
+        return kind in CATALOGUE and bool(same_angles(kind, j, setup.robot.n_joints)[0])
 
+    def own(place: Place) -> Answer:
+        if place not in answers:
+            against = contests[place]
+            answers[place] = add(against.own, against.beside, [at for _, at in own_places[place]])
+        return answers[place]
+
+    answers: dict[Place, Answer] = {}
     own_places = dict(zip([(e.kind, e.joints) for e in setup.effects], belief.places(), strict=True))
     ties = _ties(belief, contests)
     for asked in ties[:MOST]:
@@ -198,7 +207,7 @@ def open_questions(
         second = add(against.rivals[asked.other], against.beside, [at for _, at in own_places[asked.place]])
         questions.append(Question(first, second, asked.log_odds))
     for (kind, joints), argument in without_name.items():
-        if argument == own_angle(joints[0]) and len(questions) < MOST:
+        if argument == own_angle(joints[0]) and of_angle(kind, joints[0]) and len(questions) < MOST:
             functions, odds = rival_functions(belief.catalogue, kind, joints[0], contests[kind, joints])
             # What is told in its place, and yet does not do beside a function: as likely as not.
             questions.append(Question(own((kind, joints)), put(functions), odds if odds <= SURE else 0.0))
@@ -207,13 +216,16 @@ def open_questions(
     edges, may_pass = _edges(belief, open_, float(np.log(n_places)))
     edges = edges[: MOST - len(questions)]
     for value, log_odds in edges:
+        if len(questions) >= MOST:
+            break
         first, (kind, joints) = add(value, belief.beside), value.hypothesis.place
         questions.append(Question(first, Answer(), log_odds))
-        if log_odds > -SURE and kind in CATALOGUE and same_angles(kind, joints[0], setup.robot.n_joints)[0]:
-            # Once it is there, it will have to be told from any function too.
+        if log_odds >= 0.0 and of_angle(kind, joints[0]) and len(questions) < MOST:
+            # It is there, and will have to be told from any function too.
             against = Contest(belief.beside, valued(belief.beside, belief.catalogue, value.hypothesis), {})
             functions, odds = rival_functions(belief.catalogue, kind, joints[0], against)
-            questions.append(Question(first, put(functions), min(odds, SURE)))
+            if abs(odds) <= SURE:
+                questions.append(Question(first, put(functions), odds))
     asked_already = {value.hypothesis.place for value, _ in edges}
     silent = [h for h in may_pass if h.place not in asked_already]
     for value, log_odds in _silent(belief.beside, silent, float(np.log(n_places))):
@@ -226,6 +238,7 @@ def open_questions(
         About.of(fit),
         fit.band_.cutoff,
         fit.rate_,
+        any(states.two_encoders for states in fit.runs_),
         fit.torque_unit_,
         _unit(fit),
         belief.beside.best.weights,

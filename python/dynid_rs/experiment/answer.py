@@ -140,6 +140,8 @@ def sentences(section: Section, joints: Sequence[str]) -> list[str]:
     times = section["random_times_as_long"]
     if times is None:
         said.append("random motion within the same limits does not tell as much in sixty-four times that time")
+    elif times <= 1.0:
+        said.append("random motion within the same limits tells as much in that time")
     else:
         said.append(
             f"random motion within the same limits has to be {significant(times)} times as long to tell as much"

@@ -8,7 +8,7 @@ from typing import Any
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.excitation.fourier import FourierExcitation
 from dynid_rs.excitation.limits import ExcitationLimits
-from dynid_rs.experiment.designing import NextExperiment, design_next, least_duration
+from dynid_rs.experiment.designing import NextExperiment, design_next, least_duration, led_by
 
 SHARES = (0.25, 0.5, 1.0)
 """Of a budget that are tried."""
@@ -80,11 +80,13 @@ def next_experiment(
 def shortest(designed: Callable[[float], NextExperiment], budget: float, least: float) -> NextExperiment:
     """The first of motions of a quarter, half and all of the budget [s] that settles enough; else the longest.
 
-    None but the last is shorter than `least` [s]. Enough is what the whole budget could not better: every question is
-    settled with a chance of 95 %.
+    None but the last is shorter than `least` [s]. Enough is what the whole budget could not better: every question that
+    the search looks at (`led_by`) is settled with a chance of 95 %.
     """
     for length in (share * budget for share in SHARES if share == SHARES[-1] or share * budget >= least):
         found = designed(length)
-        if all(chance.right >= ENOUGH for chance in found.expected.chances):
+        leading = led_by(found.questions)
+        chances = zip(found.questions, found.expected.chances, strict=True)
+        if all(chance.right >= ENOUGH for question, chance in chances if question in leading):
             break
     return found
