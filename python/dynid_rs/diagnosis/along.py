@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.any_function import UNKNOWN, function_along
+from dynid_rs.diagnosis.any_function import function_along
 from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings, other_time, yielding
 from dynid_rs.diagnosis.candidates import Candidate, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
@@ -21,6 +21,7 @@ from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.structural import KINDS
 from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.diagnosis.waves import UNKNOWN
 from dynid_rs.identification.loads import with_load
 from dynid_rs.identification.smooth_friction import shape_slopes
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier

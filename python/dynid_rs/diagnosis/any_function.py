@@ -16,13 +16,11 @@ from dynid_rs.diagnosis.candidates import ALIVE, Candidate, size_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.trials import Value
-from dynid_rs.diagnosis.waves import ALONE, FALLS, SMOOTHER, Argument, Window, of_signal, same_angles, waves
+from dynid_rs.diagnosis.waves import ALONE, FALLS, SMOOTHER, UNKNOWN, Argument, Window, of_signal, same_angles, waves
 from dynid_rs.regression.linear_model import Columns
 
 FloatArray = NDArray[np.float64]
 
-UNKNOWN = "unknown"
-"""Kind of a candidate that is a function without a name."""
 TURN = 2 * math.pi
 """Angles [rad] that a turning joint may show at least; up to twice as many where its limits are wider."""
 SLIDES = 3.0

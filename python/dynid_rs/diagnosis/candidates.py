@@ -35,12 +35,12 @@ APART = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A kind at a place with its likeliest shape.
+    """A kind at a place with its likeliest shape; or a function of an angle without a name (`any_function.py`).
 
     Parameters
     ----------
     kind, joints, shape
-        As a hypothesis has them.
+        As a hypothesis has them; of a function `unknown`, its joint, and the window that it is made on.
     unit : ndarray (k,)
         Own coefficients, in their own units, that are usual beforehand.
     mean : ndarray (k,)

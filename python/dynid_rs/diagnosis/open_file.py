@@ -20,13 +20,14 @@ from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.json_file import read_json
 from dynid_rs.base.quoting import shown, shown_value
-from dynid_rs.diagnosis.any_function import MOST_WAVES, UNKNOWN
+from dynid_rs.diagnosis.any_function import MOST_WAVES
 from dynid_rs.diagnosis.candidates import Candidate, width_of
 from dynid_rs.diagnosis.open_questions import Answer, OpenQuestions, Question
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.structural import KINDS, value_of, with_value
 from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.diagnosis.waves import UNKNOWN
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect

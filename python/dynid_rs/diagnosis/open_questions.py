@@ -2,7 +2,7 @@
 
     ties    two kinds at a place that explain the data alike, one of which has the name
     edges   kinds at places that are neither believed nor refuted: posterior odds above 1:19, or evidence for them
-
+    laws    of an angle, named or likely, that any function of it does as well as (`any_function.py`)
     silent  kinds at places that the runs say nothing of, for them or against: one of them may be what is missed
 
 Beside them stands how much the runs say about every unknown: the precision of declared coefficients and of everything

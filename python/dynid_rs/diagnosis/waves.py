@@ -20,6 +20,8 @@ from dynid_rs.runs.preprocessing import States
 FloatArray = NDArray[np.float64]
 Signal = tuple[str, int]
 
+UNKNOWN = "unknown"
+"""Kind of a function without a name."""
 ALONE, TOGETHER = 10, 5
 """Waves within a signal's range that a function of it is made of, and where there are two of them."""
 FALLS, SMOOTHER = 2, (0, 1, 2)
@@ -100,7 +102,7 @@ def waves(
     unit = USUAL * torque * falling / np.where(size > 0, size, 1.0)
     free = np.tile([-np.inf, np.inf], (len(orders), 1))
     return Hypothesis(
-        "unknown",
+        UNKNOWN,
         (j,),
         tuple(f"wave_{k}" for k in range(len(orders))),
         ("1",) * len(orders),

@@ -8,8 +8,8 @@ from typing import Any
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import kind_words
 from dynid_rs.diagnosis.along import NEEDS_MORE
-from dynid_rs.diagnosis.any_function import UNKNOWN
 from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
+from dynid_rs.diagnosis.waves import UNKNOWN
 from dynid_rs.experiment.designing import LIKELY, Compared, NextExperiment
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import esc, percent, significant

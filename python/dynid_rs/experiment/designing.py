@@ -1,6 +1,6 @@
 """Search for the motion that tells most about what is open, within an arm's limits.
 
-    worth(motion)   =  nats about which answers are right  +  nats about a row within the limits     (`worth.py`)
+    worth(motion)   =  nats about what leads the search (`led_by`)  +  nats about a row within the limits   (`worth.py`)
     motions         =  Fourier series that start and end at rest (Eqs. 15 to 18), and slow ones of them
 
 The worth has no gradient, so motions are drawn, and the best of them are walked from by random steps.
@@ -160,7 +160,7 @@ class _Search:
         return mean
 
     def drawn(self, n: int, *, slow: bool) -> list[FloatArray]:
-        """Random motions within the limits; `slow`: joints that use a part of them, and sweep wide or shake."""
+        """Random motions within the limits; `slow`: joints that use a part of them, wide or quick."""
         found = []
         for _ in range(n):
             x = self.problem.drawn(self.rng)
@@ -296,7 +296,7 @@ def design_next(
 def led_by(questions: Sequence[Question]) -> tuple[Question, ...]:
     """The least certain questions, which hold `LED_BY` of what is not known of all answers.
 
-    What is sure already waits as long as something is open: many that are hardly likely would outweigh one tie.
+    What is sure already waits as long as something is open: a dozen kinds of 2 % each are more nats than one tie.
     """
     asked = [question for question in questions if question.is_open] or list(questions)
     doubts = np.array([entropy(np.array(question.log_odds)) for question in asked])
