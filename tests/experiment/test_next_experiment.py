@@ -416,6 +416,7 @@ def function(joint, span, n=1):
         (lambda c: c | {"pivots": [0, 99]}, '"pivots" must be places'),
         (lambda c: c | {"precision": {"scale": [1.0], "upper": [1.0]}}, '"precision.scale" must be'),
         (lambda c: c | {"questions": [{"first": {"candidates": [999], "weights": [1]}}]}, '"candidates" must be'),
+        (lambda c: c | {"two_encoders": "no"}, '"two_encoders" must be true or false'),
         (lambda c: c | {"cutoff_hz": 0.0}, '"cutoff_hz" must be'),
         (lambda c: c | {"candidates": [{"kind": "magic"}]}, "its content is not what it should be"),
         (lambda c: c | {"candidates": [function("wrist", 0.0)]}, "a function has a window and units of usual sizes"),

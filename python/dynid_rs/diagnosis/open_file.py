@@ -228,7 +228,7 @@ class _Reader:
             about,
             cutoff,
             rate,
-            bool(content["two_encoders"]),
+            self.truth(content["two_encoders"], "two_encoders"),
             str(content["torque_unit"]),
             self.number(content["torque_per_newton_meter"], "torque_per_newton_meter"),
             self.array(content["weights"], "weights", (n,)),
@@ -311,6 +311,11 @@ class _Reader:
         if kind not in CATALOGUE and kind not in KINDS:
             self.refuse(f'"{where}": {shown_value(kind)} is no kind of effect')
         return kind, joints
+
+    def truth(self, value: Any, where: str) -> bool:
+        if not isinstance(value, bool):
+            self.refuse(f'"{where}" must be true or false, found {shown_value(value)}')
+        return value
 
     def index(self, value: Any, n: int, where: str) -> int:
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < n:

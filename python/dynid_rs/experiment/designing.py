@@ -273,9 +273,9 @@ def design_next(
             raise ValueError(f"none of {N_DOMAIN} random motions keeps the constraints; widen them, or choose a start")
         domain = search.domain(random)
         led, worth = Worth(asked, leading, domain), Worth(asked, questions, domain)
-        known = [(led.nats(search.told(x)), x) for x in (first, *random)]
+        of_first, *of_random = (search.told(x) for x in (first, *random))
+        known = [(led.nats(own), x) for own, x in zip((of_first, *of_random), (first, *random), strict=True)]
         nats, best = max(search.best(known, led, max_iter, on_progress), known[0], key=lambda pair: pair[0])
-        of_random = Told.mean([search.told(x) for x in random])
         search.along = of_all
         told, exciting, *each = (search.told(x) for x in (best, first, *random))
         excess = Excess(*(worth.excess(after) for after in (None, told, Told.mean(each), exciting)))
@@ -284,10 +284,10 @@ def design_next(
         asked,
         questions,
         others,
-        Compared(_mean_of([worth.chances(told)]), nats),
+        Compared(tuple(worth.chances(told)), nats),
         Compared(_mean_of([worth.chances(one) for one in each]), float(np.mean([value for value, _ in known[1:]]))),
-        Compared(_mean_of([worth.chances(exciting)]), known[0][0]),
-        _times(led, of_random, nats),
+        Compared(tuple(worth.chances(exciting)), known[0][0]),
+        _times(led, Told.mean(of_random), nats),
         excess,
         search.n_evaluations,
     )
