@@ -262,9 +262,10 @@ def test_a_burst_is_seen_where_it_is(n_samples):
     seen, step = rng.random(shape) > 0.1, 0.01
     moving = np.zeros(len(residual), dtype=bool)
     since, turn = np.ones(shape), np.zeros(shape, dtype=int)
-    forwards = Watch("run", step * np.arange(200), residual, seen, slack, unsure, since, turn, moving, step)
+    pause = np.where(np.arange(200) // 60 == 1, 0, -1)
+    forwards = Watch("run", step * np.arange(200), residual, seen, slack, unsure, since, turn, moving, pause, step)
     turned = (x[::-1] for x in (residual, seen, slack, unsure))
-    backwards = Watch("run", forwards.t, *turned, since, turn, moving, step)
+    backwards = Watch("run", forwards.t, *turned, since, turn, moving, pause[::-1], step)
     there, back = _smooth(forwards, n_samples * step), _smooth(backwards, n_samples * step)
     assert there.enough.any()
     for name in ("m", "slack", "unsure", "enough"):
@@ -338,3 +339,55 @@ def test_a_push_at_one_of_few_reversals_is_told_by_the_others(at):
     (contact,) = find_contacts(fit, fit.raw_runs_, [fit.states(replace(pushed, tau=tau))])
     assert contact.most == 1
     assert abs((contact.start + contact.end) / 2 - pushed.t[0] - at) < 0.3
+
+
+HELD = np.array([0.0, 20.0, 8.0, 0.0, 0.0, 0.0])
+"""What changes the torque of a pause [N m]."""
+
+
+def pushed_at_rest(tau, t):
+    """Half a second of push on two joints."""
+    return tau + np.multiply.outer(np.sin(np.pi * np.clip((t - 1.6) / 0.5, 0.0, 1.0)), HELD)
+
+
+def braked(tau, t):
+    """The brakes close, the motors let go; then they hold again, before the brakes open."""
+    return tau * ((t < 1.4) | (t > 2.6))[:, None]
+
+
+def settling(tau, t):
+    """What a controller's integrators hold fades after the stop."""
+    return tau + np.multiply.outer(np.exp(-np.maximum(t, 0.0) / 0.3) * (t > 0), HELD)
+
+
+def held_otherwise(tau, t):
+    """A brake closes for good, the drives stay on at another torque."""
+    return tau + np.multiply.outer(t > 1.6, HELD)
+
+
+@pytest.mark.parametrize("what", [pushed_at_rest, braked, settling, held_otherwise])
+def test_a_push_in_a_pause_is_seen_and_what_an_arm_does_by_itself_there_is_not(what):
+    """The run goes on at rest for three seconds, and something happens to the torque meanwhile."""
+    _, recordings = runs()
+    run, rng = recordings[3], np.random.default_rng(8)
+    step = run.t[1] - run.t[0]
+    t = np.concatenate([run.t, run.t[-1] + step * np.arange(1, round(3.0 / step))])
+    stop = run.t[np.nonzero(np.abs(np.diff(run.q, axis=0)).max(axis=1) > 1e-3 * step)[0][-1]]
+    n_more = len(t) - len(run.t)
+    noise = np.std(np.diff(run.tau[:20], axis=0), axis=0) / np.sqrt(2) * rng.standard_normal((n_more, run.tau.shape[1]))
+    held = np.median(run.tau[-20:], axis=0) + noise
+    longer = replace(
+        run,
+        t=t,
+        q=np.concatenate([run.q, np.tile(run.q[-1], (n_more, 1))]),
+        tau=what(np.concatenate([run.tau, held]), t - stop),
+    )
+    fit = fitted(recordings[:3])
+    found = find_contacts(fit, fit.raw_runs_, [fit.states(longer)])
+    if what is not pushed_at_rest:
+        assert not found
+        return
+    (contact,) = found
+    assert contact.most in (1, 2)
+    assert abs((contact.start + contact.end) / 2 - stop - 1.85) < 0.1
+    assert {1, 2} <= set(contact.joints)

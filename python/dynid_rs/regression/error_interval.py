@@ -36,9 +36,10 @@ LONGEST_MEMORY = 1 / 8
 """Memory of the squares, as a part of the run, above which no interval is said: the cosines see too little of it."""
 INFINITE = 3.0
 """Half width of the interval of a relative mean square at which its upper end is no number any more: (1 - 3/3)^-3."""
-STRETCH = 10.0
+STRETCH, STRETCH_OF_CHANGE = 7.0, 5.5
 """Stretch of an interval per memory over run: what the cosines miss of a slow error, and what a short run hides of its
-memory. Measured with the script above: 15 s with AR(1) errors of 2 s hold in 86 % without it and in 94 % with it."""
+memory; of a change less, for what both errors share remembers nothing. Measured with the script above: 15 s with AR(1)
+errors of 2 s hold in 86 % without it and in 94 % with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ def rmse_interval(comparisons: Sequence[Comparison]) -> list[Interval | None]:
 
 def _around(square: MeanSquare) -> Interval | None:
     """Symmetric in the mean square to the power of -1/3, in which a mean of few squares is close to normal."""
-    reach = _reach(square.cosines, square.blocks, square.memory)
+    reach = _reach(square.cosines, square.blocks, square.memory, STRETCH)
     if reach is None or reach >= INFINITE:
         return None
     rms = np.sqrt(square.value)
@@ -106,7 +107,8 @@ def _changes(after: Sequence[MeanSquare | None], before: Sequence[MeanSquare | N
         if new.value == old.value and np.array_equal(new.blocks, old.blocks):
             intervals.append((0.0, 0.0))  # the same errors, whatever their memory
             continue
-        reach = _reach(new.cosines - old.cosines, new.blocks - old.blocks, max(new.memory, old.memory))
+        memory = max(new.memory, old.memory)
+        reach = _reach(new.cosines - old.cosines, new.blocks - old.blocks, memory, STRETCH_OF_CHANGE)
         ratio, half = np.sqrt(new.value / old.value), None if reach is None else np.exp(reach / 2)
         intervals.append(None if half is None else (float(ratio / half - 1), float(ratio * half - 1)))
     return intervals
@@ -119,7 +121,7 @@ def mean_squares(comparisons: Sequence[Comparison]) -> list[MeanSquare | None]:
     return [MeanSquare.of(error[rows]) for error, rows in zip(errors.T, counted.T, strict=True)]
 
 
-def _reach(cosines: FloatArray, blocks: FloatArray, memory: float) -> float | None:
+def _reach(cosines: FloatArray, blocks: FloatArray, memory: float, stretch: float) -> float | None:
     """Half width of the 95 % interval of a relative mean square; None where the memory is too long for the run."""
     from scipy.special import stdtrit
 
@@ -128,4 +130,4 @@ def _reach(cosines: FloatArray, blocks: FloatArray, memory: float) -> float | No
     if memory > LONGEST_MEMORY:
         return None
     spread = np.sqrt(np.mean(cosines**2))
-    return float(stdtrit(N_COSINES, (1 + LEVEL) / 2) * (1 + STRETCH * memory) * spread)
+    return float(stdtrit(N_COSINES, (1 + LEVEL) / 2) * (1 + stretch * memory) * spread)

@@ -200,14 +200,17 @@ def _smooth(watch: Watch, length: float) -> _Level:
     if len(kernel) % 2 == 0:
         kernel = np.hanning(len(kernel) + 3)[1:-1]
     kernel /= np.linalg.norm(kernel)
-    share = np.sqrt(np.maximum(convolve1d(watch.seen.astype(float), kernel**2, axis=0, mode="constant"), 1e-12))
-    enough = watch.seen & (share > np.sqrt(0.5))
-    # What the model does not know is wrong in the same direction all over the kernel.
-    m, slack, unsure = (
-        np.where(enough, convolve1d(x * watch.seen, kernel, axis=0, mode="constant") / share, 0.0)
-        for x in (watch.residual, watch.slack, watch.unsure)
-    )
-    return _Level(m, slack, unsure, enough)
+    looked = [np.zeros(watch.seen.shape) for _ in range(4)]
+    pausing = watch.pause[:, None] >= 0
+    for there in (watch.seen & ~pausing, watch.seen & pausing):  # a brake that holds in pauses is not felt in motion
+        share = np.sqrt(np.maximum(convolve1d(there.astype(float), kernel**2, axis=0, mode="constant"), 1e-12))
+        enough = there & (share > np.sqrt(0.5))
+        # What the model does not know is wrong in the same direction all over the kernel.
+        for of, x in zip(looked, (watch.residual, watch.slack, watch.unsure), strict=False):
+            of[enough] = (convolve1d(x * there, kernel, axis=0, mode="constant") / share)[enough]
+        looked[-1][enough] = 1.0
+    m, slack, unsure, enough = looked
+    return _Level(m, slack, unsure, enough > 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +223,7 @@ class _Pool:
 
     moving: FloatArray
     near: list[list[_Alike]]
+    pausing: list[_Alike]
 
     @staticmethod
     def of(watches: Sequence[Watch], level: Sequence[_Level]) -> _Pool:
@@ -227,7 +231,8 @@ class _Pool:
         runs = list(zip(watches, level, strict=True))
         moving = [np.concatenate([np.abs(x.m[_moves(watch, x, j), j]) for watch, x in runs]) for j in joints]
         near = [[_Alike.joined([_Alike.of(watch, x, j, time) for watch, x in runs]) for j in joints] for time in _TIMES]
-        return _Pool(np.array([_scale(sizes, QUANTILES) for sizes in moving]), near)
+        pausing = [_Alike.joined([_Alike.in_pauses(watch, x, j) for watch, x in runs]) for j in joints]
+        return _Pool(np.array([_scale(sizes, QUANTILES) for sizes in moving]), near, pausing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +246,13 @@ class _Alike:
     def of(watch: Watch, x: _Level, j: int, time: tuple[float, float]) -> _Alike:
         mask = _moves(watch, x, j) & _within(watch, j, time)
         turns = np.stack([np.full(mask.sum(), id(watch)), watch.turn[mask, j]], axis=1)
+        return _Alike(np.abs(x.m[mask, j]), turns)
+
+    @staticmethod
+    def in_pauses(watch: Watch, x: _Level, j: int) -> _Alike:
+        """Sizes in pauses, and which one."""
+        mask = x.enough[:, j] & (watch.pause >= 0)
+        turns = np.stack([np.full(mask.sum(), id(watch)), watch.pause[mask]], axis=1)
         return _Alike(np.abs(x.m[mask, j]), turns)
 
     @staticmethod
@@ -271,7 +283,7 @@ class _Alike:
 
 
 def _moves(watch: Watch, x: _Level, j: int) -> BoolArray:
-    result: BoolArray = x.enough[:, j] & ~watch.resting
+    result: BoolArray = x.enough[:, j] & ~watch.resting & (watch.pause < 0)
     return result
 
 
@@ -286,20 +298,34 @@ def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
     The pool's or its own, whichever is greater; its own near reversals only where the pool does not hold it.
     """
     scale = np.full(x.m.shape, np.inf)
+    in_motion = watch.pause < 0
     for j in range(x.m.shape[1]):
         for at_rest, common, quantiles in ((False, pool.moving[j], QUANTILES), (True, 0.0, REST_QUANTILES)):
-            mask = x.enough[:, j] & (watch.resting == at_rest)
+            mask = x.enough[:, j] & (watch.resting == at_rest) & in_motion
             size = max(float(common), _scale(np.abs(x.m[mask, j]), quantiles))
             scale[mask, j] = size if size > 0 else np.inf
         for alike, time in zip(pool.near, _TIMES, strict=True):
-            own, mask = _Alike.of(watch, x, j, time), _moves(watch, x, j) & _within(watch, j, time)
-            all_alike = [alike[j]] if pooled else [alike[j], own]
-            turns, place = np.unique(own.turns, axis=0, return_inverse=True)
-            # Of a reversal that has no like nothing is known but itself.
-            sizes = [max(group.scale((run, k)) for group in all_alike) or own.whole for run, k in turns.tolist()]
-            if sizes:
-                scale[mask, j] = np.maximum(scale[mask, j], np.array(sizes)[place.ravel()])
+            mask = _moves(watch, x, j) & _within(watch, j, time)
+            _at_least(scale[:, j], mask, alike[j], _Alike.of(watch, x, j, time), pooled)
+        mask = x.enough[:, j] & ~in_motion
+        scale[mask, j] = pool.moving[j]
+        _at_least(scale[:, j], mask, pool.pausing[j], _Alike.in_pauses(watch, x, j), pooled, alone=False)
+    scale[scale == 0] = np.inf
     return scale
+
+
+def _at_least(
+    scale: FloatArray, mask: BoolArray, alike: _Alike, own: _Alike, pooled: bool, *, alone: bool = True
+) -> None:
+    """Raise a joint's scale (n_grid,) where `mask` is set to that of what is alike: reversals, or pauses.
+
+    Of one that has no like nothing is known but itself, if it tells anything `alone`.
+    """
+    all_alike = [alike] if pooled else [alike, own]
+    turns, place = np.unique(own.turns, axis=0, return_inverse=True)
+    sizes = [max(group.scale((run, k)) for group in all_alike) or alone * own.whole for run, k in turns.tolist()]
+    if sizes:
+        scale[mask] = np.maximum(scale[mask], np.array(sizes)[place.ravel()])
 
 
 def _scale(values: FloatArray, quantiles: Sequence[float]) -> float:

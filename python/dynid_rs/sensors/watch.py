@@ -1,8 +1,9 @@
 """What a run shows of forces from outside: the residual that is local in time, and where it may be trusted.
 
 Where a joint has just turned round, friction can be anything up to its own size: that much of a burst says nothing; nor
-does a joint that is faster or more loaded than in any other run that was learned from. Joints that rest are only looked
-at in runs in which the whole arm rests; then nothing but a force from outside can change their torque.
+does a joint that is faster or more loaded than in any other run that was learned from. A joint that rests while others
+move is not looked at. In a pause of the whole arm no model is needed: what holds it does not change for a while and come
+back, unless a force from outside does. Nor does it where the whole arm rests nearly all of the time.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.columns import Plan, run_rows
 from dynid_rs.regression.fitted import weighted_system
-from dynid_rs.runs.preprocessing import MEMORY, States
+from dynid_rs.runs.preprocessing import MEMORY, STILL_SPEED, States, stretches
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -31,6 +32,14 @@ REST_TIME, REST_RANGE = 2.0, 0.01
 """A joint rests while it stays within this part of its usual range for this time [s]."""
 REST_RUN = 0.8
 """An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
+QUIET = 0.15
+"""What the torque is before and after a burst in a pause is told by the pause's first and last samples [s] ..."""
+AGREE = 0.25
+"""... which differ by less than this part of the burst: a controller that settles and a brake that closes do not return."""
+MEDIAN_SIZE = 0.6745
+"""Of a Gaussian variable of unit variance."""
+RELEASED = 0.2
+"""A brake that closes and opens again takes the whole arm's torque below this part of what it was."""
 TREMBLING = 0.15
 """Reversals closer than this [s] are one: an arm takes longer to come back."""
 PRESLIDING, SLOW = 0.01, 0.02
@@ -45,7 +54,8 @@ class Watch:
 
     `residual` with the running median taken off; `seen` where a joint says something; `slack` how much of it friction
     may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal, `turn`
-    which one that is; `resting` (n_grid,) whether the whole arm rests.
+    which one that is; `resting` (n_grid,) whether the whole arm rests, `pause` (n_grid,) the number of the pause that a
+    sample is in, -1 in none: what is seen there is not of the same kind as in motion.
     """
 
     name: str
@@ -57,6 +67,7 @@ class Watch:
     since: FloatArray
     turn: NDArray[np.intp]
     resting: BoolArray
+    pause: NDArray[np.intp]
     step: float
 
 
@@ -145,7 +156,13 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
     local = np.zeros_like(error)
     if usable.any():
         bridged = np.stack([np.interp(t, t[usable], column[usable]) for column in error.T], axis=1)
-        local = bridged - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
+        local = error - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
+    held, doubt, pause = _held(states)
+    if resting.any():
+        pause[:] = -1
+    at_rest = (pause >= 0)[:, None]
+    seen, local = np.where(at_rest, np.isfinite(held), seen), np.where(at_rest, np.nan_to_num(held), local)
+    unsure = np.where(at_rest, doubt, usual.unsure(aligned))
     since, way, turn = _since_reversal(states.t, states.q, states.dq)
     unsettled = (way < PRESLIDING) | (np.abs(states.dq) < SLOW * usual.top)
     slack = _in_band_at_most(states, unsettled * usual.coulomb)[grid]
@@ -154,13 +171,46 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
         t,
         np.where(seen, local, 0.0),
         seen,
-        slack * ~resting[:, None],
-        usual.unsure(aligned) * ~resting[:, None],
+        slack * ~(resting[:, None] | at_rest),
+        unsure * ~resting[:, None],
         since[grid],
         turn[grid],
         resting,
+        pause,
         step,
     )
+
+
+def _held(states: States) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+    """How far the torque in pauses is from what it is at their ends, how well those tell it, and which pause it is.
+
+    (n_grid, n_joints) twice, NaN where a joint's torque does not come back, or a brake took it; (n_grid,), -1 in none.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    grid = states.grid
+    tau = uniform_filter1d(states.tau, states.step, axis=0)[grid]
+    still = np.all(np.abs(states.dq[grid]) <= STILL_SPEED * np.abs(states.dq).max(axis=0), axis=1)
+    held, doubt, number = np.full(tau.shape, np.nan), np.zeros(tau.shape), np.full(len(grid), -1)
+    quiet = max(1, round(QUIET * states.rate / states.step))
+    guard = max(1, int(states.rate / states.step / states.band.cutoff))
+    for k, (first, last) in enumerate(stretches(still)):
+        rows = slice(first + guard, last - guard)  # the band's filter takes slow motion for none
+        pause = tau[rows]
+        if len(pause) < 3 * quiet:
+            continue
+        before, after = pause[:quiet].mean(axis=0), pause[-quiet:].mean(axis=0)
+        burst = pause - np.linspace(before, after, len(pause))
+        # Standard error of a mean of few rows, whose noise all differences tell.
+        noise = np.median(np.abs(np.diff(pause, axis=0)), axis=0) / (MEDIAN_SIZE * np.sqrt(2))
+        doubt[rows] = noise / np.sqrt(quiet)
+        most = np.abs(burst).max(axis=0)
+        peak = pause[np.argmax(np.linalg.norm(burst / np.where(most > 0, most, 1.0), axis=1))]
+        if np.linalg.norm(peak) >= RELEASED * np.linalg.norm(before):
+            inside = slice(rows.start + quiet, rows.stop - quiet)
+            held[inside] = np.where(np.abs(after - before) <= AGREE * most, burst, np.nan)[quiet:-quiet]
+        number[rows] = k
+    return held, doubt, number
 
 
 def _in_band_at_most(states: States, x: FloatArray) -> FloatArray:
