@@ -196,9 +196,9 @@ def _held(states: States) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
     guard = max(1, int(states.rate / states.step / states.band.cutoff))
     for k, (first, last) in enumerate(stretches(still)):
         rows = slice(first + guard, last - guard)  # the band's filter takes slow motion for none
-        pause = tau[rows]
-        if len(pause) < 3 * quiet:
+        if rows.stop - rows.start < 3 * quiet:
             continue
+        pause = tau[rows]
         before, after = pause[:quiet].mean(axis=0), pause[-quiet:].mean(axis=0)
         burst = pause - np.linspace(before, after, len(pause))
         # Standard error of a mean of few rows, whose noise all differences tell.
