@@ -2,8 +2,8 @@
 
 Where a joint has just turned round, friction can be anything up to its own size: that much of a burst says nothing; nor
 does a joint that is faster or more loaded than in any other run that was learned from. A joint that rests while others
-move is not looked at. In a pause of the whole arm no model is needed: what holds it does not change for a while and come
-back, unless a force from outside does. Nor does it where the whole arm rests nearly all of the time.
+move is not looked at. In a pause of the whole arm no model is needed: what holds it does not change for a while and
+come back, unless a force from outside does. Nor does it where the whole arm rests nearly all of the time.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.memory import WEAK
+from dynid_rs.base.spread import spread
 from dynid_rs.identification.loads import with_load
 from dynid_rs.identification.smooth_friction import sign_by_way
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -33,13 +34,12 @@ REST_TIME, REST_RANGE = 2.0, 0.01
 REST_RUN = 0.8
 """An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
 QUIET = 0.15
-"""What the torque is before and after a burst in a pause is told by the pause's first and last samples [s] ..."""
+"""What the torque is before and after a burst in a pause is told by the pause's first and last samples [s]."""
 AGREE = 0.25
-"""... which differ by less than this part of the burst: a controller that settles and a brake that closes do not return."""
-MEDIAN_SIZE = 0.6745
-"""Of a Gaussian variable of unit variance."""
+"""They differ by less than this part of the burst. What changes one way only, as controllers settle and brakes close,
+leaves the line between them by less than all of it; a quarter leaves room for noise."""
 RELEASED = 0.2
-"""A brake that closes and opens again takes the whole arm's torque below this part of what it was."""
+"""A brake that closes and opens again takes the whole arm's torque below this part of what it was: to noise."""
 TREMBLING = 0.15
 """Reversals closer than this [s] are one: an arm takes longer to come back."""
 PRESLIDING, SLOW = 0.01, 0.02
@@ -202,7 +202,7 @@ def _held(states: States) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
         before, after = pause[:quiet].mean(axis=0), pause[-quiet:].mean(axis=0)
         burst = pause - np.linspace(before, after, len(pause))
         # Standard error of a mean of few rows, whose noise all differences tell.
-        noise = np.median(np.abs(np.diff(pause, axis=0)), axis=0) / (MEDIAN_SIZE * np.sqrt(2))
+        noise = np.array([spread(np.abs(steps), (0.5,)) for steps in np.diff(pause, axis=0).T]) / np.sqrt(2)
         doubt[rows] = noise / np.sqrt(quiet)
         most = np.abs(burst).max(axis=0)
         peak = pause[np.argmax(np.linalg.norm(burst / np.where(most > 0, most, 1.0), axis=1))]
