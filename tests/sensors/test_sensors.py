@@ -341,8 +341,8 @@ def test_a_push_at_one_of_few_reversals_is_told_by_the_others(at):
     assert abs((contact.start + contact.end) / 2 - pushed.t[0] - at) < 0.3
 
 
-HELD = np.array([0.0, 20.0, 8.0, 0.0, 0.0, 0.0])
-"""What changes the torque of a pause [N m]."""
+HELD = np.array([0.0, 100.0, 45.0, 0.0, 0.0, 0.0])
+"""What changes the torque of a pause [N m]: more than twice what friction may hold."""
 
 
 def pushed_at_rest(tau, t):
@@ -365,7 +365,12 @@ def held_otherwise(tau, t):
     return tau + np.multiply.outer(t > 1.6, HELD)
 
 
-@pytest.mark.parametrize("what", [pushed_at_rest, braked, settling, held_otherwise])
+def hunting(tau, t):
+    """A controller that integrates what friction holds goes up until the joint gives way, and back."""
+    return tau + np.multiply.outer(np.interp(t, [1.3, 1.7, 2.4, 2.9], [0.0, 1.0, -1.0, 0.0]), HELD / 4)
+
+
+@pytest.mark.parametrize("what", [pushed_at_rest, braked, settling, held_otherwise, hunting])
 def test_a_push_in_a_pause_is_seen_and_what_an_arm_does_by_itself_there_is_not(what):
     """The run goes on at rest for three seconds, and something happens to the torque meanwhile."""
     _, recordings = runs()

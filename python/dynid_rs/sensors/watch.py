@@ -3,7 +3,8 @@
 Where a joint has just turned round, friction can be anything up to its own size: that much of a burst says nothing; nor
 does a joint that is faster or more loaded than in any other run that was learned from. A joint that rests while others
 move is not looked at. In a pause of the whole arm no model is needed: what holds it does not change for a while and
-come back, unless a force from outside does. Nor does it where the whole arm rests nearly all of the time.
+come back by more than friction may hold, unless a force from outside does. Nor does it change where the whole arm rests
+nearly all of the time.
 """
 
 from __future__ import annotations
@@ -171,7 +172,7 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
         t,
         np.where(seen, local, 0.0),
         seen,
-        slack * ~(resting[:, None] | at_rest),
+        np.where(at_rest, usual.coulomb, slack) * ~resting[:, None],
         unsure * ~resting[:, None],
         since[grid],
         turn[grid],
