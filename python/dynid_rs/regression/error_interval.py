@@ -38,7 +38,7 @@ INFINITE = 3.0
 """Half width of the interval of a relative mean square at which its upper end is no number any more: (1 - 3/3)^-3."""
 STRETCH, STRETCH_OF_CHANGE = 10.0, 5.5
 """Stretch of an interval per memory over run: what the cosines miss of a slow error, and what a short run hides of its
-memory; of a change less, for what both errors share remembers nothing. Measured with the script above: 15 s with AR(1)
+memory; of a change less, for what both errors share is not in it. Measured with the script above: 15 s with AR(1)
 errors of 2 s hold in 86 % without it and in 94 % with it."""
 
 

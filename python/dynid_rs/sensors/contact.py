@@ -200,25 +200,26 @@ def _smooth(watch: Watch, length: float) -> _Level:
     if len(kernel) % 2 == 0:
         kernel = np.hanning(len(kernel) + 3)[1:-1]
     kernel /= np.linalg.norm(kernel)
-    looked = [np.zeros(watch.seen.shape) for _ in range(4)]
-    pausing = watch.pause[:, None] >= 0
+    m, slack, unsure = (np.zeros(watch.seen.shape) for _ in range(3))
+    enough, pausing = np.zeros(watch.seen.shape, dtype=bool), watch.pause[:, None] >= 0
     for there in (watch.seen & ~pausing, watch.seen & pausing):  # a brake that holds in pauses is not felt in motion
+        if not there.any():
+            continue
         share = np.sqrt(np.maximum(convolve1d(there.astype(float), kernel**2, axis=0, mode="constant"), 1e-12))
-        enough = there & (share > np.sqrt(0.5))
+        told = there & (share > np.sqrt(0.5))
         # What the model does not know is wrong in the same direction all over the kernel.
-        for of, x in zip(looked, (watch.residual, watch.slack, watch.unsure), strict=False):
-            of[enough] = (convolve1d(x * there, kernel, axis=0, mode="constant") / share)[enough]
-        looked[-1][enough] = 1.0
-    m, slack, unsure, enough = looked
-    return _Level(m, slack, unsure, enough > 0)
+        for smooth, x in ((m, watch.residual), (slack, watch.slack), (unsure, watch.unsure)):
+            smooth[told] = (convolve1d(x * there, kernel, axis=0, mode="constant") / share)[told]
+        enough |= told
+    return _Level(m, slack, unsure, enough)
 
 
 @dataclass(frozen=True, eq=False)
 class _Pool:
-    """What the runs that were learned from leave: its scale in motion, and sizes by the time from a reversal.
+    """What the runs that were learned from leave: its scale in motion, sizes near reversals and in pauses.
 
-    `moving` (n_joints,); `near[k][j]` of the k-th time and a joint. A run that rests is a pose of its own; runs that
-    move are alike.
+    `moving` (n_joints,); `near[k][j]` of the k-th time from a reversal and a joint, `pausing[j]` of a joint. A run that
+    rests is a pose of its own; runs that move are alike.
     """
 
     moving: FloatArray
@@ -237,7 +238,7 @@ class _Pool:
 
 @dataclass(frozen=True, eq=False)
 class _Alike:
-    """Sizes (n,) of what is left of a joint equally long from a reversal, and which one: run and number, (n, 2)."""
+    """Sizes (n,) of what is left of a joint as long from a reversal, or in pauses; which one, run and number (n, 2)."""
 
     sizes: FloatArray
     turns: NDArray[Any]
@@ -266,7 +267,7 @@ class _Alike:
 
     @cached_property
     def great(self) -> dict[tuple[int, int], float]:
-        """Scale without a reversal, of those that make up so much of all that the greatest quantile is their own.
+        """Scale without one of them, of those that make up so much of all that the greatest quantile is their own.
 
         A push at one of three reversals is told by the others, not by itself.
         """
@@ -278,7 +279,7 @@ class _Alike:
         return found
 
     def scale(self, but: tuple[int, int]) -> float:
-        """Scale of all, or without one reversal where that is a great part of them."""
+        """Scale of all, or without one reversal or pause where that is a great part of them."""
         return self.great.get(but, self.whole)
 
 

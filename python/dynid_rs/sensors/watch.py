@@ -53,10 +53,10 @@ UNFITTED_SPEED = 0.8
 class Watch:
     """Residual of one run on its rows' grid, ready to be searched; every matrix (n_grid, n_joints).
 
-    `residual` with the running median taken off; `seen` where a joint says something; `slack` how much of it friction
-    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal, `turn`
-    which one that is; `resting` (n_grid,) whether the whole arm rests, `pause` (n_grid,) the number of the pause that a
-    sample is in, -1 in none: what is seen there is not of the same kind as in motion.
+    `residual` with the running median taken off, in a pause the torque at its ends; `seen` where a joint says
+    something; `slack` how much of it friction may be; `unsure` standard deviation of the model's own prediction, in a
+    pause of those ends; `since` time [s] to the nearest reversal, `turn` which one that is; `resting` (n_grid,) whether
+    the whole arm rests, `pause` (n_grid,) the number of the pause that a sample is in, -1 in none.
     """
 
     name: str
@@ -157,7 +157,7 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
     local = np.zeros_like(error)
     if usable.any():
         bridged = np.stack([np.interp(t, t[usable], column[usable]) for column in error.T], axis=1)
-        local = error - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
+        local = bridged - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
     held, doubt, pause = _held(states)
     if resting.any():
         pause[:] = -1
