@@ -37,7 +37,7 @@ STEPS = {
     "scores to second order": ["regression.linear_model:LinearModel.screen_beside"],
     "evidence with the noise estimated anew": ["diagnosis.beside:Beside.evidence_for"],
     "shapes between the grid's": ["diagnosis.shapes:polished"],
-    "parts that are left out": ["diagnosis.trials:helps", "diagnosis.trials:is_stable"],
+    "parts that are left out": ["diagnosis.trials:helps", "diagnosis.trials:shows_everywhere"],
     "rivals and open questions": ["diagnosis.rivals:contest", "diagnosis.open_questions:open_questions"],
     "ripple, and what is left": ["diagnosis.ripple:find_ripple", "diagnosis.unexplained:unexplained"],
     "results and report": ["commands._identifier:write_results", "identification.results:summarise"],

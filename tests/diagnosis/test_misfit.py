@@ -9,7 +9,7 @@ from helpers.diagnosed import ROBOT, measured
 
 import dynid_rs as dyn
 from dynid_rs.diagnosis import misfit
-from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.rivals import valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Shaped
@@ -21,7 +21,7 @@ from dynid_rs.model.placed import PlacedEffect
 def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
     """Before that any curve is one, and so is what else of the angle has a name on the joint; not what has memory."""
     monkeypatch.setattr(misfit, "waves", lambda *_, **__: None)
-    monkeypatch.setattr(misfit, "_likeliest", lambda *_: None)
+    monkeypatch.setattr(misfit, "_likeliest", lambda *_: (-np.inf, 0))
     ripple = PlacedEffect.at("torque_ripple", 1, cycles=7.0)
     spring = PlacedEffect.at("joint_spring", 1)
     elsewhere = PlacedEffect.at("joint_spring", 0)
@@ -39,6 +39,38 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
     belief.named.clear()  # all were declared
     assert misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects}) == {}
     assert found == ({("torque_ripple", (1,)): angle, ("joint_spring", (1,)): angle} if nameless else {})
+
+
+@pytest.mark.parametrize(
+    ("beside", "in_its_place", "has_no_name", "tied"),
+    [
+        (-1.0, 99.0, True, -1.0),
+        (-1.0, 102.0, True, 2.0),
+        (-1.0, 96.0, False, None),
+        (4.0, 99.0, True, None),
+        (-1.0, 104.0, True, None),
+    ],
+    ids=["as good", "better", "refuted", "misses something", "refutes the law"],
+)
+def test_a_law_that_nothing_speaks_against_is_a_tie_of_another_function(
+    monkeypatch, beside, in_its_place, has_no_name, tied
+):
+    """Odds of 19 to 1, that is 2.9 nats, refute either; so does what is missing beside the law."""
+    place = ("joint_spring", (1,))
+    values = {"beside": (beside, 0), "in its place": (in_its_place, 0)}
+    monkeypatch.setattr(misfit, "waves", lambda *_, **__: None)
+    monkeypatch.setattr(misfit, "_likeliest", lambda model, *_: values[model])
+    effects = (PlacedEffect.at("joint_spring", 1),)
+    belief = SimpleNamespace(
+        beside="beside",
+        setup=SimpleNamespace(effects=effects, robot=SimpleNamespace(n_joints=2)),
+        catalogue=SimpleNamespace(times_round=lambda _: float("inf")),
+        named={place: Named(None, 90.0)},
+    )
+    own = SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=()))
+    found = misfit.nameless(belief, {place: SimpleNamespace(beside="in its place", own=own)})
+    assert (place in found) is has_no_name
+    assert belief.named[place].another_function == tied
 
 
 def test_how_often_ripple_goes_round_is_told_by_the_runs():

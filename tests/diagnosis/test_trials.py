@@ -1,4 +1,4 @@
-"""What a name has to stand: evidence at the noise that it leaves, halves of the data, whole runs."""
+"""What a name has to stand: evidence at the noise that it leaves, small parts and whole runs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from dynid_rs.diagnosis.trials import (
     chance_of,
     evidence,
     is_alone,
-    is_stable,
     shows_everywhere,
     whole_runs,
     worse,
@@ -46,24 +45,6 @@ def test_a_large_effect_does_not_hide_behind_its_own_memory(monkeypatch, wish, h
     else:
         assert value < 0
         assert by_its_own < 0
-
-
-def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
-    """On few rows the screening's noise, which is the effect's own, would refute it."""
-    belief = Belief.in_declared(Setup(ROBOT), measured("position_dependent_friction:elbow:5", duration=8.0, n_runs=1))
-    values, _ = evidence(belief.beside, belief.hypotheses())
-    best = max(values.values(), key=lambda value: value.value)
-    assert best.hypothesis.place == ("position_dependent_friction", (1,))
-    rivals = [value for value in values.values() if value is not best]
-    parts = blocks(belief.phase)
-    assert is_stable(belief.beside, best, rivals, parts)
-    # Where screening refutes it everywhere, the evidence with the noise anew decides.
-    own = best.hypothesis.place
-    screened = {True: Score(-1e3, 1.0), False: Score(0.0, 1.0)}
-    monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == own] for h in tried])
-    for value, holds in ((1.0, True), (-1.0, False)):
-        monkeypatch.setattr(Beside, "evidence_for", lambda self, h, own_value=value: (own_value * (h.place == own), {}))
-        assert is_stable(belief.beside, best, rivals, parts) == holds
 
 
 def test_many_comparisons_are_each_less_likely_to_be_chance():

@@ -23,8 +23,8 @@ at full rate; gears: over the steps of two encoders). An effect is *seen* if an 
 shape, and everything else that is hidden, gives it less than one chance in 100,000. A case is *clean* if less than 0.3
 of the noise is left of everything in it.
 `unknown` is never a false name. A right name needs kind and joint; an effect that is named as a tie only is found, and
-what was named in its place is false. What is told as one or another kind ("spring or cylinder") is `unknown`; the
-effect is found if it is among them.
+what was named in its place is false. What is told as one or another kind ("spring or cylinder"), or as a law or another
+function of the same angle, is `unknown`; the effect is found if it is among them, and counted in *as a tie only*.
 """
 CHOICE = "Some of these seeds are below {0}: they are for choosing, and the figures are no report."
 REPORT = "All seeds are {0} or more: nobody had looked at them. (Those below are for choosing.)"

@@ -18,6 +18,9 @@ NO_INTERVAL = (
 )
 """Why there is a dash in the place of a 95 % interval."""
 
+ANOTHER_FUNCTION = "another_function_of_the_angle"
+"""Kind of a tie: what a law of an angle is not told from where a function without a name does as well."""
+
 
 def kind_words(kind: str) -> str:
     """``load_dependent_friction`` as people write it."""

@@ -35,6 +35,8 @@ class Named:
     """A hypothesis that passed: its logarithmic odds, and others that explain the same, as well or worse.
 
     `same` are the ties that no motion would tell: beside the declared model their torque is the same.
+    `another_function`: logarithmic odds of a function of the same angle in its place, where the data speak against
+    neither (`misfit.py`).
     """
 
     hypothesis: Hypothesis
@@ -42,6 +44,7 @@ class Named:
     ties: tuple[tuple[Place, float], ...] = ()
     same: tuple[Place, ...] = ()
     refuted: tuple[tuple[Place, float], ...] = ()
+    another_function: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,10 +99,6 @@ class Beside:
         """Fits of another model at these priors, from the noise that each of them has here."""
         return fits([(model, fit.choice, fit.noise) for fit in self.fits])
 
-    def within(self, kept: BoolArray) -> Beside:
-        """Return the model of some of the rows, at the same priors."""
-        return self._over(self.model.within(kept))
-
     def screened(self, hypotheses: Sequence[Hypothesis]) -> list[Score]:
         """Scores to second order, at the prior that suits a hypothesis best, evidence of that prior included."""
         return self._best_of(_screened(self.model, self.fits, hypotheses))

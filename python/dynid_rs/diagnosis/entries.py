@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.odds import p_value
 from dynid_rs.base.units import angle_units
+from dynid_rs.base.wording import ANOTHER_FUNCTION
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
 from dynid_rs.diagnosis.estimates import Estimate, estimates, sized_torques
@@ -63,6 +64,8 @@ def effect_entries(
             entry["plot"] = plot
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
+            if named.another_function is not None:
+                entry["ties"].append(_tie((ANOTHER_FUNCTION, joints), named.another_function, named, names))
         elif is_one_or_another(place, named):
             entry |= {"kind": "unknown", "told_as": kind}
         elif effect is not None and effect not in sized:  # it predicts, but its size may be none

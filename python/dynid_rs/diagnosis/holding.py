@@ -10,7 +10,7 @@ from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Hypothesis
-from dynid_rs.diagnosis.trials import N_SMALL, Value, blocks, helps, is_stable, shows_everywhere, whole_runs
+from dynid_rs.diagnosis.trials import N_SMALL, Value, blocks, helps, shows_everywhere, whole_runs
 from dynid_rs.model.placed import CATALOGUE
 
 OF_TIME = {"step", "temperature"}
@@ -27,8 +27,6 @@ def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value],
         helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
         # What changes in time does so once, where it begins.
         and (at_times or shows_everywhere(beside, after, belief.reach(tried.hypothesis), blocks(phase, N_SMALL)))
-        # Either of two ties may come first in a half; which it is stays open.
-        and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
         # What tells the same with more right, and does not hold, makes the next best no more likely.
         and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > tried.value + SURE)
     )

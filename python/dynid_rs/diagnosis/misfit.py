@@ -34,28 +34,34 @@ LOOKED_AT = 2
 def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, Argument]:
     """Places of names that a function of their own angle does as well as, and what that is a function of.
 
-    So does one in the place of ripple that was not seen again.
+    So does one in the place of ripple that was not seen again. Where the data do not speak against the name, it is told
+    as what the torque may be as well: the function becomes its tie.
 
     `contests` (`weigh_rivals`) hold the model without each torque, and what the torque is worth there.
     """
-    beside, n = belief.beside, belief.setup.robot.n_joints
+    n = belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
-    for (kind, joints), against in contests.items():
-        j = joints[0]
-        arguments, turning = same_angles(kind, j, n)
-        functions = [waves(belief.catalogue, j, [argument], turning=turning) for argument in arguments]
-        for model, needed in ((beside, SURE), (against.beside, against.own.value - SURE)):
-            likeliest = _likeliest(model, belief.catalogue, functions, needed)
-            if likeliest is not None:
-                found[kind, joints] = arguments[likeliest]
+    for place, against in contests.items():
+        kind, joints = place
+        arguments, turning = same_angles(kind, joints[0], n)
+        functions = [waves(belief.catalogue, joints[0], [argument], turning=turning) for argument in arguments]
+        beside, at = _likeliest(belief.beside, belief.catalogue, functions)
+        if beside > SURE:
+            found[place] = arguments[at]
+        in_its_place, at = _likeliest(against.beside, belief.catalogue, functions)
+        odds = in_its_place - against.own.value
+        if odds > -SURE:
+            found[place] = arguments[at]
         was_seen_again = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape)) >= SEEN_AGAIN
-        if (kind, joints) in belief.named and not was_seen_again:  # what was believed from the beginning is not asked
-            found.setdefault((kind, joints), arguments[0])
+        if place in belief.named and not was_seen_again:  # what was believed from the beginning is not asked
+            found.setdefault(place, arguments[0])
+        if place in belief.named and beside <= SURE and abs(odds) <= SURE:
+            belief.named[place] = replace(belief.named[place], another_function=odds)
     return _parts_of(found, belief) | found
 
 
-def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis], needed: float) -> int | None:
-    """Which function has the greatest evidence in a model, if that is more than `needed`.
+def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis]) -> tuple[float, int]:
+    """The greatest evidence that a function has in a model, and which one it is.
 
     The joint's own angle, which comes first, is one place; all its sums with others are another.
     """
@@ -64,8 +70,7 @@ def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothes
         (_averaged(model, catalogue, functions[k]) - (float(np.log(len(functions) - 1)) if k else 0.0), k)
         for k in np.argsort(scores)[::-1][:LOOKED_AT].tolist()
     ]
-    value, best = max(tries, default=(-np.inf, 0))
-    return best if value > needed else None
+    return max(tries, default=(-np.inf, 0))
 
 
 def _averaged(model: Beside, catalogue: Catalogue, function: Hypothesis) -> float:

@@ -4,8 +4,7 @@
     named               if  ln BF - ln(kinds x places)  >  ln 19, and it holds on parts of the data
 
 A name is at posterior odds of 19 to 1. It holds on parts if parts that were left out are not predicted worse with it on
-the joints it acts on, and if it comes first there in most halves of the data (Meinshausen and Buehlmann 2010). Where
-no name passes alone, two that hide each other are asked together (`hidden.py`).
+the joints it acts on. Where no name passes alone, two that hide each other are asked together (`hidden.py`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What a name has to stand: evidence at its place, parts of the data that were left out, halves of the data."""
+"""What a name has to stand: evidence at its place, and parts of the data that were left out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 N_BLOCKS = 8
-"""Parts of the motion, each with its returns: left out one by one, and halved."""
+"""Parts of the motion, each with its returns, that are left out one by one."""
 N_SMALL = 32
 """Parts in which a name has to show: of about a second, as long as a move is."""
-N_HALVES, FIRST_IN = 16, 11
-"""Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
-one of ten."""
 THIRDS = 3
 """Parts of a lone motion that stand for runs: a third is what is kept aside of a lone run for the test."""
 CHANCE = 0.16
@@ -195,26 +192,3 @@ def chance_of(gain: FloatArray) -> float:
     n, ranks = len(gain), 1 + np.argsort(np.argsort(np.abs(gain)))
     sum_of_ranks = float(ranks[gain > 0].sum() + ranks[gain == 0].sum() / 2)
     return float(ndtr((n * (n + 1) / 4 - sum_of_ranks) / np.sqrt(n * (n + 1) * (2 * n + 1) / 24)))
-
-
-def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
-    """Whether no rival on its joints refutes the name in most halves of the data."""
-    rng = np.random.default_rng(0)
-    hypotheses = [best.hypothesis, *(rival.hypothesis for rival in rivals)]
-    halves = [rng.choice(len(parts), -(-len(parts) // 2), replace=False) for _ in range(N_HALVES)]
-
-    def comes_first(blocks: NDArray[np.intp]) -> bool:
-        half = np.any([parts[k] for k in blocks], axis=0)
-        within, parts_of = beside.within(half), [_within(h, half) for h in hypotheses]
-        values = [score.value for score in within.screened(parts_of)]
-        if values[0] > max(values) - SURE:
-            return True
-        # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
-        ahead = int(np.argmax(values))
-        return within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
-
-    return sum(side_by_side(comes_first, halves)) >= FIRST_IN
-
-
-def _within(hypothesis: Hypothesis, kept: BoolArray) -> Hypothesis:
-    return replace(hypothesis, columns={j: part[kept] for j, part in hypothesis.columns.items()})

@@ -12,6 +12,7 @@ from dynid_rs.base.numbers import interval as interval_said
 from dynid_rs.base.numbers import percent, significant
 from dynid_rs.base.units import plain_unit
 from dynid_rs.base.wording import (
+    ANOTHER_FUNCTION,
     concluded,
     in_families,
     is_better,
@@ -183,6 +184,8 @@ def next_experiments(result: Result) -> list[str]:
             own = {"kind": entry.get("told_as", entry["kind"]), "joints": entry["joints"]}
             pair = f"{named(own, result['joints'])} and {named(tie, result['joints'])}"
             how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
+            if tie["kind"] == ANOTHER_FUNCTION:
+                how = ": one that goes beyond the angles that the runs have shown"
             said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = (
                 None
             )

@@ -206,20 +206,6 @@ class LinearModel:
             rows[j], places[j], grams[j] = rows[j][:, both], places[j][kept], grams[j][np.ix_(both, both)]
         return replace(self, rows=rows, places=places, grams=grams)
 
-    def within(self, kept: BoolArray) -> LinearModel:
-        """Return the model of some of the rows, (n_rows,)."""
-        rows, counted = [part[kept] for part in self.rows], [moves[kept] for moves in self.counted]
-        shares = [float(own.sum()) / max(int(moves.sum()), 1) for own, moves in zip(counted, self.counted, strict=True)]
-        return replace(
-            self,
-            rows=rows,
-            grams=[part.T @ part for part in rows],
-            counted=counted,
-            phase=self.phase[kept],
-            n_effective=self.n_effective * np.maximum(shares, 1e-9),
-            n_rows=int(kept.sum()),
-        )
-
     def left_out(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:
         """Power per block and joint, (n_blocks, n_joints), when a block is predicted from the others."""
         power = np.zeros((len(blocks), len(self.rows)))
