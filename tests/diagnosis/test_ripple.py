@@ -10,7 +10,16 @@ from helpers.diagnosed import ROBOT, found_in, measured, rigid
 from helpers.small_arm import JOINTS
 from scipy.signal import butter, filtfilt
 
-from dynid_rs.diagnosis.ripple import PARTS, Line, _family, _in_parts, find_ripple, measured_beside, ripple_entries
+from dynid_rs.diagnosis.ripple import (
+    PARTS,
+    Line,
+    _family,
+    _in_parts,
+    _strongest,
+    find_ripple,
+    measured_beside,
+    ripple_entries,
+)
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.assembly import evaluate
 
@@ -130,6 +139,19 @@ def test_a_line_s_odds_by_its_parts_are_those_of_its_chance(size):
     power = np.abs(parts.mean()) ** 2 / (np.var(parts, ddof=1) / PARTS)
     log_chance = f.logsf(power, 2, 2 * (PARTS - 1))
     assert _in_parts(q, e, 40.0) == pytest.approx(-log_chance - 1 - np.log(max(power, 1.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize(("size", "least"), [(0.0, None), (0.1, 3.0), (0.2, 15.0), (1.0, 30.0)])
+def test_the_larger_a_line_the_surer_it_is_on_a_part_of_a_turn_too(size, least):
+    """Measured against the line itself, which spreads over its neighbours there, it would stay at 10 to 20 nats."""
+    rng = np.random.default_rng(0)
+    t = np.arange(20000) / 400
+    q = 1.2 * np.sin(0.9 * t) + 0.3 * np.sin(2.1 * t + 1)
+    line = _strongest(q, rng.normal(size=len(t)) + size * np.cos(122.7 * q), float(np.ptp(q)) / (2 * np.pi), 6)
+    assert (line is None) is (least is None)
+    if line is not None:
+        assert line.log_odds > least
+        assert line.order == pytest.approx(122.7, abs=0.3)
 
 
 @pytest.mark.parametrize("way", [0.9, 9.0])

@@ -1,11 +1,13 @@
 """Torque ripple: sharp lines in the angle domain, sought at full rate, told as families of one gear or motor.
 
 The residual's spectrum over angle, ``P(N) = |sum e exp(i N q)|^2``, is measured against its own background: the
-median over neighbouring orders, so that the residual's colour does not matter. Noise gives ``z = P / background`` an
-exponential law; a line whose power beforehand is s times the background has ``ln BF = z s / (1 + s) - ln (1 + s)``,
-at its likeliest ``z - 1 - ln z``. Bursts are no noise of one strength: the same is asked of the line's amplitudes in
-16 parts of the data, whose own scatter is the noise, ``ln BF = 15 ln(1 + T / 15) - 1 - ln T``. The lesser counts, by
-the rule of the search: posterior odds of 19 to 1 over all orders of all joints.
+median over neighbouring orders of what the line leaves, so that the residual's colour does not matter. (What it does
+not leave is the line once more: over a part of a turn it spreads over its neighbours.) Noise gives
+``z = P / background`` an exponential law; a line whose power beforehand is s times the background has
+``ln BF = z s / (1 + s) - ln (1 + s)``, at its likeliest ``z - 1 - ln z``. Bursts are no noise of one strength: the same
+is asked of the line's amplitudes in 16 parts of the data, whose own scatter is the noise,
+``ln BF = 15 ln(1 + T / 15) - 1 - ln T``. The lesser counts, by the rule of the search: posterior odds of 19 to 1 over
+all orders of all joints.
 """
 
 from __future__ import annotations
@@ -165,23 +167,27 @@ def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Lin
     from scipy.ndimage import median_filter
 
     lowest = max(ORDERS[0], LEAST_CYCLES / turns)
-    span = int(np.ceil(turns + 1)) * OVERSAMPLED
-    n_bins = span * int(BINS * ORDERS[1])
-    at = np.floor((q - q.min()) / (2 * np.pi) * BINS * ORDERS[1]).astype(int)
-    power = np.abs(np.fft.rfft(np.bincount(at, weights=e, minlength=n_bins))) ** 2
-    orders = np.arange(len(power)) / span
+    power, orders, cell = _spectrum(q, e, turns)
     sought = (orders >= lowest) & (orders <= ORDERS[1])
-    cell = max(1, round(span / turns / OVERSAMPLED))
-    width = 2 * BACKGROUND * cell + 1
-    if sought.sum() < 2 * width:
+    reach = BACKGROUND * cell
+    if sought.sum() < 2 * (2 * reach + 1):
         return None
-    background = median_filter(power, width, mode="nearest") / np.log(2.0)
-    z = np.where(sought, power / np.maximum(background, 1e-300), 0.0)
-    best = int(np.argmax(z))
+    background = median_filter(power, 2 * reach + 1, mode="nearest")
+    best = int(np.argmax(np.where(sought, power / np.maximum(background, 1e-300), 0.0)))
+    line = Line(_refined(q, e, float(orders[best]), 0.5 / turns), 0.0)
+    left, _, _ = _spectrum(q, _sizes(q, e, [line])[1], turns)
+    z = power[best] * np.log(2.0) / max(float(np.median(left[max(best - reach, 0) : best + reach + 1])), 1e-300)
     prior = float(np.log((ORDERS[1] - lowest) * turns * n_joints))
-    order = _refined(q, e, float(orders[best]), 0.5 / turns)
-    odds = min(float(z[best] - 1 - np.log(max(z[best], 1.0))), _in_parts(q, e, order)) - prior
-    return Line(order, odds) if odds > SURE else None
+    odds = min(float(z - 1 - np.log(max(z, 1.0))), _in_parts(q, e, line.order)) - prior
+    return Line(line.order, odds) if odds > SURE else None
+
+
+def _spectrum(q: FloatArray, e: FloatArray, turns: float) -> tuple[FloatArray, FloatArray, int]:
+    """Power over the angle, the orders that it is at, and how many of them are a cell of resolution."""
+    span = int(np.ceil(turns + 1)) * OVERSAMPLED
+    at = np.floor((q - q.min()) / (2 * np.pi) * BINS * ORDERS[1]).astype(int)
+    power = np.abs(np.fft.rfft(np.bincount(at, weights=e, minlength=span * int(BINS * ORDERS[1])))) ** 2
+    return power, np.arange(len(power)) / span, max(1, round(span / turns / OVERSAMPLED))
 
 
 def _refined(q: FloatArray, e: FloatArray, order: float, step: float, times: Sequence[int] = (1,)) -> float:
