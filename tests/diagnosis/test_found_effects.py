@@ -11,11 +11,11 @@ import pytest
 from helpers.diagnosed import ROBOT, columns_of, measured
 
 import dynid_rs
-from dynid_rs.base.wording import in_families
+from dynid_rs.base.wording import ANOTHER_FUNCTION, in_families
 from dynid_rs.commands._diagnose_view import _effect
 from dynid_rs.diagnosis import loop
 from dynid_rs.diagnosis.found import FoundEffect, Unexplained
-from dynid_rs.diagnosis.wording import named, unexplained_words
+from dynid_rs.diagnosis.wording import named, next_experiments, unexplained_words
 
 matplotlib.use("agg")  # no window, wherever this runs
 
@@ -103,6 +103,23 @@ def test_one_or_the_other():
         "stribeck or friction hysteresis on elbow: stribeck_pos 1.23 N*m (1.00 to 1.50), exponent 2.00; "
         "not told apart from friction hysteresis on elbow: dynid excite ROBOT --separate ..."
     )
+
+
+def test_a_law_or_another_function_of_the_position():
+    tie = {"kind": ANOTHER_FUNCTION, "joints": ["elbow"]}
+    depends = [{"signal": "q_elbow", "strength": 1.0, "direct": True}]
+    one = effect(kind="unknown", told_as="joint_spring", parameters=[], ties=[tie], depends_on=depends)
+    assert (one.kinds, one.is_tied, one.is_unknown) == (("joint_spring", ANOTHER_FUNCTION), True, False)
+    assert one.ties[0].separate == ""
+    assert str(one) == (
+        "joint spring or another function of the position on elbow; "
+        "not told apart from another function of the position on elbow"
+    )
+    result = {"effects": [one.entry], "unexplained": [], "joints": ["shoulder", "elbow"], "data": {"findings": []}}
+    assert next_experiments(result) == [
+        "Joint spring on elbow and another function of the position on elbow explain the data equally well; "
+        "a run that separates them would decide: one that goes beyond the positions that the runs have shown."
+    ]
 
 
 def test_one_place_or_the_other():

@@ -42,35 +42,48 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
 
 
 @pytest.mark.parametrize(
-    ("beside", "in_its_place", "has_no_name", "tied"),
+    ("beside", "in_its_place", "at", "has_no_name", "tied"),
     [
-        (-1.0, 99.0, True, -1.0),
-        (-1.0, 102.0, True, 2.0),
-        (-1.0, 96.0, False, None),
-        (4.0, 99.0, True, None),
-        (-1.0, 104.0, True, None),
+        (-1.0, 99.0, 0, True, -1.0),
+        (-1.0, 102.0, 0, True, 2.0),
+        (-1.0, 96.0, 0, False, None),
+        (4.0, 99.0, 0, True, None),
+        (-1.0, 104.0, 0, True, None),
+        (-1.0, 99.0, 1, True, None),
     ],
-    ids=["as good", "better", "refuted", "misses something", "refutes the law"],
+    ids=["as good", "better", "refuted", "misses something", "refutes the law", "of a sum"],
 )
 def test_a_law_that_nothing_speaks_against_is_a_tie_of_another_function(
-    monkeypatch, beside, in_its_place, has_no_name, tied
+    monkeypatch, beside, in_its_place, at, has_no_name, tied
 ):
     """Odds of 19 to 1, that is 2.9 nats, refute either; so does what is missing beside the law."""
-    place = ("joint_spring", (1,))
-    values = {"beside": (beside, 0), "in its place": (in_its_place, 0)}
+    found, named = without_a_name(monkeypatch, (beside, 0), {("joint_spring", (1,)): (in_its_place, at)})
+    assert (("joint_spring", (1,)) in found) is has_no_name
+    assert named["joint_spring", (1,)].another_function == tied
+
+
+def test_parts_of_what_has_no_name_are_no_ties_and_neither_is_ripple_that_was_not_seen_again(monkeypatch):
+    spring, cylinder, ripple = ("joint_spring", (1,)), ("counterbalance", (1,)), ("torque_ripple", (0,))
+    tied, refuted = (100.0, 0), (104.0, 0)
+    found, named = without_a_name(monkeypatch, (-1.0, 0), {spring: tied, cylinder: refuted, ripple: tied}, times=1.5)
+    assert set(found) == {spring, cylinder, ripple}
+    assert [named[place].another_function for place in found] == [None] * 3
+
+
+def without_a_name(monkeypatch, beside, in_its_place, times=np.inf):
+    """Places without a name and all names, of which each is worth 100; functions' evidence and places in the lists."""
     monkeypatch.setattr(misfit, "waves", lambda *_, **__: None)
-    monkeypatch.setattr(misfit, "_likeliest", lambda model, *_: values[model])
-    effects = (PlacedEffect.at("joint_spring", 1),)
+    monkeypatch.setattr(misfit, "_likeliest", lambda model, *_: beside if model is None else model)
+    effects = tuple(PlacedEffect.at(kind, *joints) for kind, joints in in_its_place)
     belief = SimpleNamespace(
-        beside="beside",
+        beside=None,
         setup=SimpleNamespace(effects=effects, robot=SimpleNamespace(n_joints=2)),
-        catalogue=SimpleNamespace(times_round=lambda _: float("inf")),
-        named={place: Named(None, 90.0)},
+        catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else np.inf),
+        named={place: Named(None, 90.0) for place in in_its_place},
     )
     own = SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=()))
-    found = misfit.nameless(belief, {place: SimpleNamespace(beside="in its place", own=own)})
-    assert (place in found) is has_no_name
-    assert belief.named[place].another_function == tied
+    contests = {place: SimpleNamespace(beside=value, own=own) for place, value in in_its_place.items()}
+    return misfit.nameless(belief, contests), belief.named
 
 
 def test_how_often_ripple_goes_round_is_told_by_the_runs():

@@ -141,6 +141,17 @@ def test_a_line_s_odds_by_its_parts_are_those_of_its_chance(size):
     assert _in_parts(q, e, 40.0) == pytest.approx(-log_chance - 1 - np.log(max(power, 1.0)), rel=1e-9)
 
 
+@pytest.mark.parametrize("cycles", [3.2, 3.4])
+def test_a_curve_of_few_cycles_is_no_line(cycles):
+    """The band shows it; it leaks into the first orders that are sought here."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        t = np.arange(20000) / 400
+        q = 0.6 * np.sin(0.9 * t) + 0.15 * np.sin(2.1 * t + 1)
+        turns = float(np.ptp(q)) / (2 * np.pi)
+        assert _strongest(q, rng.normal(size=len(t)) + 3 * np.cos(cycles / turns * q), turns, 6) is None
+
+
 @pytest.mark.parametrize(("size", "least"), [(0.0, None), (0.1, 3.0), (0.2, 15.0), (1.0, 30.0)])
 def test_the_larger_a_line_the_surer_it_is_on_a_part_of_a_turn_too(size, least):
     """Measured against the line itself, which spreads over its neighbours there, it would stay at 10 to 20 nats."""

@@ -18,8 +18,8 @@ NO_INTERVAL = (
 )
 """Why there is a dash in the place of a 95 % interval."""
 
-ANOTHER_FUNCTION = "another_function_of_the_angle"
-"""Kind of a tie: what a law of an angle is not told from where a function without a name does as well."""
+ANOTHER_FUNCTION = "another_function_of_the_position"
+"""Kind of a tie: what a law of a joint's position is not told from where a function without a name does as well."""
 
 
 def kind_words(kind: str) -> str:

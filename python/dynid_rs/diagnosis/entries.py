@@ -64,7 +64,7 @@ def effect_entries(
             entry["plot"] = plot
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
-            if named.another_function is not None:
+            if named.another_function is not None and effect in sized:
                 entry["ties"].append(_tie((ANOTHER_FUNCTION, joints), named.another_function, named, names))
         elif is_one_or_another(place, named):
             entry |= {"kind": "unknown", "told_as": kind}

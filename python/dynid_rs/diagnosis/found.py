@@ -41,7 +41,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another name for the same torque: of a kind, on joints.
+    """Another cause of the same torque: a kind, on joints.
 
     `separate` is the command that designs a deciding run; `same_torque` that no motion would decide.
     """
@@ -89,7 +89,7 @@ class FoundEffect:
     parameters : tuple of Number
         Its numbers, with units and 95 % intervals.
     ties : tuple of Rival
-        Other names that explain the data as well.
+        Other names that explain the data as well; `another_function_of_the_position` has neither name nor command.
     told_apart_from : tuple of Rival
         Other names that were asked for and refuted.
     depends_on : tuple of Dependence
@@ -155,7 +155,7 @@ class FoundEffect:
 
     @property
     def is_tied(self) -> bool:
-        """Whether the data do not tell it from another name."""
+        """Whether the data do not tell it from something else."""
         return bool(self.ties)
 
     def to_dict(self) -> dict[str, Any]:

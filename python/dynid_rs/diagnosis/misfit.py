@@ -34,13 +34,14 @@ LOOKED_AT = 2
 def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, Argument]:
     """Places of names that a function of their own angle does as well as, and what that is a function of.
 
-    So does one in the place of ripple that was not seen again. Where the data do not speak against the name, it is told
-    as what the torque may be as well: the function becomes its tie.
+    So does one in the place of ripple that was not seen again. Where the data refute neither the name nor a function of
+    the joint's own angle, the name is one of two answers: the function is its tie (`Named.another_function`).
 
     `contests` (`weigh_rivals`) hold the model without each torque, and what the torque is worth there.
     """
     n = belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
+    undecided: dict[Place, float] = {}
     for place, against in contests.items():
         kind, joints = place
         arguments, turning = same_angles(kind, joints[0], n)
@@ -55,7 +56,10 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
         was_seen_again = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape)) >= SEEN_AGAIN
         if place in belief.named and not was_seen_again:  # what was believed from the beginning is not asked
             found.setdefault(place, arguments[0])
-        if place in belief.named and beside <= SURE and abs(odds) <= SURE:
+        if place in belief.named and was_seen_again and at == 0 and beside <= SURE and abs(odds) <= SURE:
+            undecided[place] = odds
+    for place, odds in undecided.items():
+        if all(other in undecided for other in found if other[1][0] == place[1][0]):  # else they are parts of one
             belief.named[place] = replace(belief.named[place], another_function=odds)
     return _parts_of(found, belief) | found
 

@@ -1,8 +1,8 @@
 """Torque ripple: sharp lines in the angle domain, sought at full rate, told as families of one gear or motor.
 
 The residual's spectrum over angle, ``P(N) = |sum e exp(i N q)|^2``, is measured against its own background: the
-median over neighbouring orders of what the line leaves, so that the residual's colour does not matter. (What it does
-not leave is the line once more: over a part of a turn it spreads over its neighbours.) Noise gives
+median over neighbouring orders of what the line leaves, so that the residual's colour does not matter. (With the line
+in it the background would be the line's own: over a part of a turn it spreads over its neighbours.) Noise gives
 ``z = P / background`` an exponential law; a line whose power beforehand is s times the background has
 ``ln BF = z s / (1 + s) - ln (1 + s)``, at its likeliest ``z - 1 - ln z``. Bursts are no noise of one strength: the same
 is asked of the line's amplitudes in 16 parts of the data, whose own scatter is the noise,
@@ -163,7 +163,7 @@ def _is_harmonic(order: float, first: float, turns: float) -> bool:
 
 
 def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Line | None:
-    """The line that stands out most of its background, if it does by the rule."""
+    """The line that stands out most of its neighbourhood, if by the rule it stands out of what it leaves there."""
     from scipy.ndimage import median_filter
 
     lowest = max(ORDERS[0], LEAST_CYCLES / turns)
@@ -175,6 +175,8 @@ def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Lin
     background = median_filter(power, 2 * reach + 1, mode="nearest")
     best = int(np.argmax(np.where(sought, power / np.maximum(background, 1e-300), 0.0)))
     line = Line(_refined(q, e, float(orders[best]), 0.5 / turns), 0.0)
+    if line.order < lowest:
+        return None  # a slow curve, which leaks into the first orders that are sought
     left, _, _ = _spectrum(q, _sizes(q, e, [line])[1], turns)
     z = power[best] * np.log(2.0) / max(float(np.median(left[max(best - reach, 0) : best + reach + 1])), 1e-300)
     prior = float(np.log((ORDERS[1] - lowest) * turns * n_joints))

@@ -185,7 +185,7 @@ def next_experiments(result: Result) -> list[str]:
             pair = f"{named(own, result['joints'])} and {named(tie, result['joints'])}"
             how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
             if tie["kind"] == ANOTHER_FUNCTION:
-                how = ": one that goes beyond the angles that the runs have shown"
+                how = ": one that goes beyond the positions that the runs have shown"
             said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = (
                 None
             )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynid_rs.base.wording import concluded, is_better, kinds_said
+from dynid_rs.base.wording import ANOTHER_FUNCTION, concluded, is_better, kinds_said
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.families import Family, families, said, sentence
 from dynid_rs.report.text import NBSP, capital, esc, join_words, percent, plural, ratio, short_names, with_code, words
@@ -161,7 +161,9 @@ def _experiments(result: Result) -> list[str]:
         if told_by_motion and kinds_said(entry):
             pair = (words(entry.get("told_as") or entry["kind"]), words(told_by_motion[0]["kind"]))
             joint = short.get(entry["joints"][0], entry["joints"][0])
-            ties.append("Record a run that separates <b>{}</b> from <b>{}</b> on {}.".format(*map(esc, (*pair, joint))))
+            beyond = ", beyond the positions seen so far" if told_by_motion[0]["kind"] == ANOTHER_FUNCTION else ""
+            text = "Record a run that separates <b>{}</b> from <b>{}</b> on {}{}."
+            ties.append(text.format(*map(esc, (*pair, joint, beyond))))
     return [ties[0], *others[1:]] if ties else others
 
 

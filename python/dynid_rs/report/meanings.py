@@ -15,6 +15,7 @@ MEANINGS = {
     "torque_ripple": "Torque that goes up and down as gear teeth or motor poles pass by (cogging, toothing).",
     "inertial_coupling": "Accelerating one joint\u2019s rotor needs torque on another one.",
     "joint_spring": "A spring, a cable or a hose pulls the joint towards one position.",
+    "another_function_of_the_position": "Something without a name depends on the joint\u2019s position.",
     "torque_saturation": "The drive gives less torque per ampere, or the sensor shows less, the greater the torque is.",
     "thermal_friction": "Friction falls as the joint warms up during the run.",
     "temperature_friction": "Friction changes with the joint\u2019s measured temperature.",
