@@ -54,9 +54,11 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
         if odds > -SURE:
             found[place] = arguments[at]
         was_seen_again = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape)) >= SEEN_AGAIN
-        if place in belief.named and not was_seen_again:  # what was believed from the beginning is not asked
+        if place not in belief.named:
+            continue  # believed from the beginning
+        if not was_seen_again:
             found.setdefault(place, arguments[0])
-        if place in belief.named and was_seen_again and at == 0 and beside <= SURE and abs(odds) <= SURE:
+        elif at == 0 and beside <= SURE and abs(odds) <= SURE:
             undecided[place] = odds
     for place, odds in undecided.items():
         if all(other in undecided for other in found if other[1][0] == place[1][0]):  # else they are parts of one

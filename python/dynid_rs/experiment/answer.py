@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dynid_rs.base.quoting import shown
-from dynid_rs.base.wording import kind_words
+from dynid_rs.base.wording import ANOTHER_FUNCTION, kind_words
 from dynid_rs.diagnosis.along import NEEDS_MORE
 from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
 from dynid_rs.diagnosis.waves import UNKNOWN
@@ -91,7 +91,7 @@ def words(question: Section, n_joints: int) -> str:
 def _named(entry: Section, n_joints: int) -> str:
     places = [shown(name) for name in entry["joints"]]
     if entry["kind"] == UNKNOWN:
-        return f"another function of the position of {places[0]}"
+        return f"{kind_words(ANOTHER_FUNCTION)} of {places[0]}"
     where = "the whole robot" if len(places) == n_joints > 2 else " and ".join(places)
     return f"{kind_words(entry['kind'])} on {where}"
 
