@@ -185,7 +185,7 @@ def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Lin
 
 
 def _spectrum(q: FloatArray, e: FloatArray, turns: float) -> tuple[FloatArray, FloatArray, int]:
-    """Power over the angle q [rad], the orders [1/turn] that it is at, and how many of them are a cell of resolution."""
+    """Power over the angle [rad], the orders [1/turn] that it is at, and how many of them are a cell of resolution."""
     span = int(np.ceil(turns + 1)) * OVERSAMPLED
     at = np.floor((q - q.min()) / (2 * np.pi) * BINS * ORDERS[1]).astype(int)
     power = np.abs(np.fft.rfft(np.bincount(at, weights=e, minlength=span * int(BINS * ORDERS[1])))) ** 2
