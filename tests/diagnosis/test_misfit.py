@@ -32,7 +32,7 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
         setup=SimpleNamespace(effects=effects, robot=SimpleNamespace(n_joints=2)),
         catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else float("inf")),
     )
-    belief.named = {(e.kind, e.joints): None for e in effects}
+    belief.named = {(e.kind, e.joints): Named(None, 90.0) for e in effects}
     contest = SimpleNamespace(beside=None, own=SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=())))
     found = misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects})
     angle = of_signal(("q", 1))
@@ -62,12 +62,25 @@ def test_a_law_that_nothing_speaks_against_is_a_tie_of_another_function(
     assert named["joint_spring", (1,)].another_function == tied
 
 
-def test_parts_of_what_has_no_name_are_no_ties_and_neither_is_ripple_that_was_not_seen_again(monkeypatch):
-    spring, cylinder, ripple = ("joint_spring", (1,)), ("counterbalance", (1,)), ("torque_ripple", (0,))
-    tied, refuted = (100.0, 0), (104.0, 0)
-    found, named = without_a_name(monkeypatch, (-1.0, 0), {spring: tied, cylinder: refuted, ripple: tied}, times=1.5)
-    assert set(found) == {spring, cylinder, ripple}
-    assert [named[place].another_function for place in found] == [None] * 3
+def test_parts_of_what_has_no_name_are_no_ties(monkeypatch):
+    """Two laws of one angle that are both open are ties; beside one that is refuted they are what it is a part of."""
+    spring, cylinder, ripple = ("joint_spring", (1,)), ("counterbalance", (1,)), ("torque_ripple", (1,))
+    tied, refuted, told = (100.0, 0), (104.0, 0), (90.0, 0)
+    for others, ties in (({cylinder: tied}, 2), ({cylinder: refuted}, 0), ({ripple: told}, 0)):
+        found, named = without_a_name(monkeypatch, (-1.0, 0), {spring: tied, **others})
+        assert set(found) == {spring, *others}
+        assert sum(named[place].another_function is not None for place in found) == ties
+
+
+@pytest.mark.parametrize(
+    ("in_its_place", "tied"), [(90.0, -10.0), (100.0, 0.0), (104.0, None)], ids=["refuted", "as good", "better"]
+)
+def test_ripple_that_was_not_seen_again_may_be_any_function(monkeypatch, in_its_place, tied):
+    """However much better it is than smooth functions: what goes on beyond the runs tells."""
+    place = ("torque_ripple", (0,))
+    found, named = without_a_name(monkeypatch, (-1.0, 0), {place: (in_its_place, 0)}, times=1.5)
+    assert set(found) == {place}
+    assert named[place].another_function == tied
 
 
 def without_a_name(monkeypatch, beside, in_its_place, times=np.inf):

@@ -15,7 +15,7 @@ from dynid_rs import RobotModel
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.diagnosis import rivals as rivals_module
 from dynid_rs.diagnosis.belief import Named
-from dynid_rs.diagnosis.rivals import Contest, is_one_cause, weigh_rivals
+from dynid_rs.diagnosis.rivals import Contest, is_one_cause, settle_rivals, weigh_rivals
 from dynid_rs.diagnosis.wording import named
 from dynid_rs.simulation import equip
 
@@ -37,6 +37,54 @@ def test_a_rival_is_a_tie_up_to_odds_of_nineteen_to_one(monkeypatch, odds, ties,
     )
     weigh_rivals(belief)
     assert (len(belief.named[place].ties), len(belief.named[place].refuted)) == (ties, refuted)
+
+
+class Contested:
+    """A belief in one torque; `values` of each kind depend on which of them is believed."""
+
+    def __init__(self, values):
+        self.values, self.kind, self.merged = values, "counterbalance", []
+        self.named = {("counterbalance", (1,)): Named(None, 40.0)}
+
+    def contests(self, _):
+        value = {kind: SimpleNamespace(value=x, hypothesis=kind) for kind, x in self.values[self.kind].items()}
+        rivals = {(kind, (1,)): value[kind] for kind in value if kind != self.kind}
+        return {(self.kind, (1,)): Contest(None, value[self.kind], rivals)}
+
+    def merge(self, places, hypothesis, log_odds):
+        self.kind = hypothesis
+        self.named = {(hypothesis, (1,)): Named(None, log_odds)}
+        self.merged.append((hypothesis, log_odds))
+
+
+@pytest.mark.parametrize(
+    ("in_the_end", "merged"),
+    [
+        pytest.param({"counterbalance": 49.0, "joint_spring": 50.0}, [("joint_spring", 42.0)], id="it stays"),
+        pytest.param({"counterbalance": 51.0, "joint_spring": 50.0}, [("joint_spring", 42.0)], id="no turns are taken"),
+        pytest.param(
+            {"counterbalance": 51.0, "joint_spring": 50.0, "stribeck": 50.5},
+            [("joint_spring", 42.0), ("stribeck", 42.5)],
+            id="a third one",
+        ),
+    ],
+)
+def test_the_likelier_of_two_kinds_is_believed(monkeypatch, in_the_end, merged):
+    """What came first was the likeliest beside fewer names; nothing that was given up comes back."""
+    belief = Contested(
+        {kind: in_the_end for kind in in_the_end} | {"counterbalance": {"counterbalance": 48.0, "joint_spring": 50.0}}
+    )
+    monkeypatch.setattr(rivals_module, "weigh_rivals", belief.contests)
+    settle_rivals(belief)
+    assert belief.merged == merged
+
+
+def test_of_places_that_no_motion_tells_the_first_is_kept(monkeypatch):
+    belief = Contested({"counterbalance": {"counterbalance": 48.0, "joint_spring": 50.0}})
+    belief.named = {("counterbalance", (1,)): Named(None, 40.0, same=(("joint_spring", (1,)),))}
+    monkeypatch.setattr(rivals_module, "weigh_rivals", belief.contests)
+    settle_rivals(belief)
+    assert belief.merged == []
 
 
 def test_a_spring_is_told_from_a_cylinder_where_its_line_shows():

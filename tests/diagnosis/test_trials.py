@@ -22,7 +22,6 @@ from dynid_rs.diagnosis.trials import (
     blocks,
     chance_of,
     evidence,
-    is_alone,
     shows_everywhere,
     whole_runs,
     worse,
@@ -72,9 +71,6 @@ def test_what_returns_is_left_out_together():
     first, second = whole_runs(shown, [2, 2, 2, 2])
     np.testing.assert_array_equal(first, shown < 10)
     np.testing.assert_array_equal(second, shown >= 10)
-    assert is_alone(phase, [6, 6])
-    assert is_alone(phase, [12])
-    assert not is_alone(shown, [2, 2, 2, 2])
 
 
 def test_worse_is_worse_than_one_chance_in_six():

@@ -27,7 +27,7 @@ from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.ripple import find_ripple, measured_beside, ripple_entries
-from dynid_rs.diagnosis.rivals import weigh_rivals
+from dynid_rs.diagnosis.rivals import settle_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
@@ -137,7 +137,7 @@ def _traced(
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
     left = stood_in(found)
-    contests = weigh_rivals(found)
+    contests = settle_rivals(found)
     without_name = nameless(found, contests)
     left_open = open_questions(found, contests, without_name)
     found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])

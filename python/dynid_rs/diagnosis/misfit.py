@@ -35,9 +35,10 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     """Places of names that a function of their own angle does as well as, and what that is a function of.
 
     So does one in the place of ripple that was not seen again. Where the data refute neither the name nor a function of
-    the joint's own angle, the name is one of two answers: the function is its tie (`Named.another_function`).
+    the joint's own angle, the name is one of two answers: the function is its tie (`Named.another_function`). Several
+    names of functions of one angle are that only together.
 
-    `contests` (`weigh_rivals`) hold the model without each torque, and what the torque is worth there.
+    `contests` (`settle_rivals`) hold the model without each torque, and what the torque is worth there.
     """
     n = belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
@@ -58,12 +59,13 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
             continue  # believed from the beginning
         if not was_seen_again:
             found.setdefault(place, arguments[0])
-        elif at == 0 and beside <= SURE and abs(odds) <= SURE:
+        if at == 0 and beside <= SURE and odds <= SURE and (odds >= -SURE or not was_seen_again):
             undecided[place] = odds
+    found = _parts_of(found, belief) | found
     for place, odds in undecided.items():
         if all(other in undecided for other in found if other[1][0] == place[1][0]):  # else they are parts of one
             belief.named[place] = replace(belief.named[place], another_function=odds)
-    return _parts_of(found, belief) | found
+    return found
 
 
 def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis]) -> tuple[float, int]:

@@ -170,7 +170,7 @@ def open_questions(
     belief : Belief
         What is believed.
     contests : mapping
-        Every torque that was found against what may stand in its place (`rivals.weigh_rivals`).
+        Every torque that was found against what may stand in its place (`rivals.settle_rivals`).
     without_name : mapping
         Those that any function does as well as (`misfit.nameless`).
     """

@@ -5,12 +5,12 @@
     told   if own > rival + ln 19 for every rival
 
 A name is asked for beside the names before it; what it is told from is asked once more when all of them are in. Where
-the name is not told, its torque is kept, for it predicts, and it is either one or the other.
+the name is not told, it is either one or the other, and the torque of the likelier one is kept, for it predicts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,6 +85,33 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
         scores = [score.value for score in beside.screened([h, *others])]
         value += float(logsumexp(scores) - scores[0] - np.log(len(shapes)))
     return Value(value, h, columns)
+
+
+def settle_rivals(belief: Belief) -> dict[Place, Contest]:
+    """Believe of every torque the likeliest kind beside all other names, and give it its ties and refuted rivals.
+
+    Returns all contests of what is believed then. A name that came before others was the likeliest without them.
+    """
+    given_up: set[Place] = set()  # near each other two kinds could take turns, each the likelier once the other is in
+    while True:
+        contests = weigh_rivals(belief)
+        likelier = {
+            place: (named, rival)
+            for place, named in belief.named.items()
+            if place in contests and (rival := _likelier(contests[place], {*named.same, *given_up})) is not None
+        }
+        if not likelier:
+            return contests
+        place, (named, rival) = max(likelier.items(), key=lambda item: item[1][1].value - contests[item[0]].own.value)
+        given_up.add(place)
+        belief.merge([place], rival.hypothesis, named.log_odds + rival.value - contests[place].own.value)
+
+
+def _likelier(against: Contest, never: Collection[Place]) -> Value | None:
+    """The likeliest rival of a torque, none of `never`, if it is likelier than the name."""
+    rivals = [rival for place, rival in against.rivals.items() if place not in never]
+    best = max(rivals, key=lambda rival: rival.value, default=against.own)
+    return best if best.value > against.own.value else None
 
 
 def weigh_rivals(belief: Belief) -> dict[Place, Contest]:

@@ -113,11 +113,6 @@ def whole_runs(phase: IntArray, lengths: Sequence[int]) -> list[BoolArray]:
     return [of_run == run for run in several] if len(several) > 1 else blocks(phase, THIRDS)
 
 
-def is_alone(phase: IntArray, lengths: Sequence[int]) -> bool:
-    """Whether all runs are one motion."""
-    return len(np.unique(_motions(phase, lengths))) == 1
-
-
 def _motions(phase: IntArray, lengths: Sequence[int]) -> IntArray:
     """Run whose motion every row shows, (n_rows,): the first of those that show each other's."""
     of_run = np.repeat(np.arange(len(lengths)), lengths)
