@@ -117,8 +117,8 @@ def test_a_law_or_another_function_of_the_position():
     )
     result = {"effects": [one.entry], "unexplained": [], "joints": ["shoulder", "elbow"], "data": {"findings": []}}
     assert next_experiments(result) == [
-        "Joint spring on elbow and another function of the position on elbow explain the data equally well; "
-        "a run that separates them would decide: one that goes beyond the positions that the runs have shown."
+        "Joint spring on elbow and another function of the position on elbow differ beyond the positions that the runs "
+        "have shown; one that goes there decides."
     ]
 
 

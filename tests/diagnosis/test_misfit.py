@@ -63,27 +63,35 @@ def test_a_law_that_nothing_speaks_against_is_a_tie_of_another_function(
 
 
 def test_parts_of_what_has_no_name_are_no_ties(monkeypatch):
-    """Two laws of one angle that are both open are ties; beside one that is refuted they are what it is a part of."""
+    """Two laws of one angle that are both open are ties; beside one that is told, or refuted, both are parts of one.
+
+    What was declared has no name to lose.
+    """
     spring, cylinder, ripple = ("joint_spring", (1,)), ("counterbalance", (1,)), ("torque_ripple", (1,))
     tied, refuted, told = (100.0, 0), (104.0, 0), (90.0, 0)
     for others, ties in (({cylinder: tied}, 2), ({cylinder: refuted}, 0), ({ripple: told}, 0)):
         found, named = without_a_name(monkeypatch, (-1.0, 0), {spring: tied, **others})
         assert set(found) == {spring, *others}
         assert sum(named[place].another_function is not None for place in found) == ties
+    found, named = without_a_name(monkeypatch, (-1.0, 0), {spring: tied, cylinder: told}, declared=[cylinder])
+    assert set(found) == {spring, cylinder}
+    assert named[spring].another_function == 0.0
 
 
 @pytest.mark.parametrize(
-    ("in_its_place", "tied"), [(90.0, -10.0), (100.0, 0.0), (104.0, None)], ids=["refuted", "as good", "better"]
+    ("in_its_place", "at", "tied"),
+    [(90.0, 0, -10.0), (90.0, 1, -10.0), (100.0, 0, 0.0), (100.0, 1, None), (104.0, 0, None)],
+    ids=["refuted", "a sum is refuted", "as good", "a sum is as good", "better"],
 )
-def test_ripple_that_was_not_seen_again_may_be_any_function(monkeypatch, in_its_place, tied):
+def test_ripple_that_was_not_seen_again_may_be_any_function(monkeypatch, in_its_place, at, tied):
     """However much better it is than smooth functions: what goes on beyond the runs tells."""
     place = ("torque_ripple", (0,))
-    found, named = without_a_name(monkeypatch, (-1.0, 0), {place: (in_its_place, 0)}, times=1.5)
+    found, named = without_a_name(monkeypatch, (-1.0, 0), {place: (in_its_place, at)}, times=1.5)
     assert set(found) == {place}
     assert named[place].another_function == tied
 
 
-def without_a_name(monkeypatch, beside, in_its_place, times=np.inf):
+def without_a_name(monkeypatch, beside, in_its_place, times=np.inf, declared=()):
     """Places without a name and all names, of which each is worth 100; functions' evidence and places in the lists."""
     monkeypatch.setattr(misfit, "waves", lambda *_, **__: None)
     monkeypatch.setattr(misfit, "_likeliest", lambda model, *_: beside if model is None else model)
@@ -92,7 +100,7 @@ def without_a_name(monkeypatch, beside, in_its_place, times=np.inf):
         beside=None,
         setup=SimpleNamespace(effects=effects, robot=SimpleNamespace(n_joints=2)),
         catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else np.inf),
-        named={place: Named(None, 90.0) for place in in_its_place},
+        named={place: Named(None, 90.0) for place in in_its_place if place not in declared},
     )
     own = SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=()))
     contests = {place: SimpleNamespace(beside=value, own=own) for place, value in in_its_place.items()}

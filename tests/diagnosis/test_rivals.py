@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.diagnosed import entry_of, found_in, names, recorded, rigid, with_effects
+from helpers.diagnosed import ROBOT, entry_of, found_in, names, recorded, rigid, with_effects
 from helpers.nameless import Nameless
 from helpers.small_arm import URDF
 
 from dynid_rs import RobotModel
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.diagnosis import rivals as rivals_module
-from dynid_rs.diagnosis.belief import Named
+from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.rivals import Contest, is_one_cause, settle_rivals, weigh_rivals
+from dynid_rs.diagnosis.settling import settle
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.wording import named
 from dynid_rs.simulation import equip
 
@@ -39,52 +42,65 @@ def test_a_rival_is_a_tie_up_to_odds_of_nineteen_to_one(monkeypatch, odds, ties,
     assert (len(belief.named[place].ties), len(belief.named[place].refuted)) == (ties, refuted)
 
 
-class Contested:
-    """A belief in one torque; `values` of each kind depend on which of them is believed."""
-
-    def __init__(self, values):
-        self.values, self.kind, self.merged = values, "counterbalance", []
-        self.named = {("counterbalance", (1,)): Named(None, 40.0)}
-
-    def contests(self, _):
-        value = {kind: SimpleNamespace(value=x, hypothesis=kind) for kind, x in self.values[self.kind].items()}
-        rivals = {(kind, (1,)): value[kind] for kind in value if kind != self.kind}
-        return {(self.kind, (1,)): Contest(None, value[self.kind], rivals)}
-
-    def merge(self, places, hypothesis, log_odds):
-        self.kind = hypothesis
-        self.named = {(hypothesis, (1,)): Named(None, log_odds)}
-        self.merged.append((hypothesis, log_odds))
+SPRING, CYLINDER = ("joint_spring", (1,)), ("counterbalance", (1,))
 
 
-@pytest.mark.parametrize(
-    ("in_the_end", "merged"),
-    [
-        pytest.param({"counterbalance": 49.0, "joint_spring": 50.0}, [("joint_spring", 42.0)], id="it stays"),
-        pytest.param({"counterbalance": 51.0, "joint_spring": 50.0}, [("joint_spring", 42.0)], id="no turns are taken"),
-        pytest.param(
-            {"counterbalance": 51.0, "joint_spring": 50.0, "stribeck": 50.5},
-            [("joint_spring", 42.0), ("stribeck", 42.5)],
-            id="a third one",
-        ),
-    ],
-)
-def test_the_likelier_of_two_kinds_is_believed(monkeypatch, in_the_end, merged):
-    """What came first was the likeliest beside fewer names; nothing that was given up comes back."""
-    belief = Contested(
-        {kind: in_the_end for kind in in_the_end} | {"counterbalance": {"counterbalance": 48.0, "joint_spring": 50.0}}
-    )
-    monkeypatch.setattr(rivals_module, "weigh_rivals", belief.contests)
+def believed(true, wrong):
+    """An arm with one torque on the elbow that is believed to be another kind."""
+    belief = Belief.in_declared(Setup(ROBOT), recorded(with_effects(rigid(), f"{true}:elbow:1"))[:2])
+    shapes = belief.catalogue.of([s for s in belief.catalogue.grid if (s.kind, s.joints) == (wrong, (1,))])
+    best = max(shapes, key=lambda h: belief.beside.screened([h])[0].value)
+    belief.accept([Named(best, 40.0)])
+    settle(belief)
+    return belief
+
+
+@pytest.mark.parametrize("wrong", ["joint_spring", "torque_ripple"])
+def test_a_kind_that_is_likelier_takes_the_place_of_a_name(wrong):
+    """What came first was the likeliest beside fewer names. The newcomer's shape settles beside everything."""
+    belief = believed("counterbalance", wrong)
+    before = belief.left[1]
+    contests = settle_rivals(belief)
+    assert list(belief.named) == list(contests) == [CYLINDER]
+    assert belief.named[CYLINDER].log_odds > 40.0
+    assert belief.named[CYLINDER].ties == ()
+    after = belief.left[1]
+    assert after < 0.85 * before
+    settle(belief)
+    assert belief.left[1] == pytest.approx(after, rel=0.01)
+
+
+def test_a_kind_that_does_not_stay_the_likelier_one_goes_again(monkeypatch):
+    belief = believed("counterbalance", SPRING[0])
+    weigh, kept = rivals_module.weigh_rivals, belief.kept
+    weighed = []
+
+    def doubted(belief):
+        contests = weigh(belief)
+        weighed.append(list(contests))
+        if CYLINDER in contests:
+            own = contests[CYLINDER].own
+            contests[CYLINDER].rivals[SPRING] = replace(own, value=own.value + 0.1)
+        return contests
+
+    monkeypatch.setattr(rivals_module, "weigh_rivals", doubted)
     settle_rivals(belief)
-    assert belief.merged == merged
+    assert weighed == [[SPRING], [CYLINDER], [SPRING]]
+    assert list(belief.named) == [SPRING]
+    assert belief.setup == kept.setup
+    assert belief.fit is kept.fit
 
 
-def test_of_places_that_no_motion_tells_the_first_is_kept(monkeypatch):
-    belief = Contested({"counterbalance": {"counterbalance": 48.0, "joint_spring": 50.0}})
-    belief.named = {("counterbalance", (1,)): Named(None, 40.0, same=(("joint_spring", (1,)),))}
-    monkeypatch.setattr(rivals_module, "weigh_rivals", belief.contests)
+@pytest.mark.parametrize("spoiled", ["only", "helps"])
+def test_what_is_not_asked_or_does_not_hold_takes_no_place(monkeypatch, spoiled):
+    belief = believed("counterbalance", SPRING[0])
+    if spoiled == "only":
+        belief.only = frozenset(belief.named)
+    else:
+        monkeypatch.setattr(rivals_module, "helps", lambda *_: False)
     settle_rivals(belief)
-    assert belief.merged == []
+    assert list(belief.named) == [SPRING]
+    assert belief.named[SPRING].ties[0][0] == CYLINDER
 
 
 def test_a_spring_is_told_from_a_cylinder_where_its_line_shows():

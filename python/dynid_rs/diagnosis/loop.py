@@ -1,7 +1,7 @@
 """`diagnose`: closes the loop. What the model lacks is found, added, and the error is reported before and after.
 
 channels and contacts  ->  declared model  ->  mounting, encoders centred  ->  search (`search.py`)
-->  ripple at full rate  ->  gears, where there are two encoders  ->  rivals, what is left  ->  joints as declared
+->  ripple at full rate  ->  gears, where there are two encoders  ->  rivals, what is left  ->  the last fit
 ->  errors on runs that chose nothing
 """
 
@@ -27,7 +27,7 @@ from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.ripple import find_ripple, measured_beside, ripple_entries
-from dynid_rs.diagnosis.rivals import settle_rivals
+from dynid_rs.diagnosis.rivals import settle_rivals, weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
@@ -136,8 +136,10 @@ def _traced(
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
+    contests, beside = settle_rivals(found), found.fit
     left = stood_in(found)
-    contests = settle_rivals(found)
+    if found.fit is not beside:
+        contests = weigh_rivals(found)
     without_name = nameless(found, contests)
     left_open = open_questions(found, contests, without_name)
     found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])

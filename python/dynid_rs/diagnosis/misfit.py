@@ -36,7 +36,7 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
 
     So does one in the place of ripple that was not seen again. Where the data refute neither the name nor a function of
     the joint's own angle, the name is one of two answers: the function is its tie (`Named.another_function`). Several
-    names of functions of one angle are that only together.
+    names of functions of one angle are that only together, where all of them are open.
 
     `contests` (`settle_rivals`) hold the model without each torque, and what the torque is worth there.
     """
@@ -59,11 +59,12 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
             continue  # believed from the beginning
         if not was_seen_again:
             found.setdefault(place, arguments[0])
-        if at == 0 and beside <= SURE and odds <= SURE and (odds >= -SURE or not was_seen_again):
+        if beside <= SURE and ((at == 0 and abs(odds) <= SURE) or (odds < -SURE and not was_seen_again)):
             undecided[place] = odds
     found = _parts_of(found, belief) | found
     for place, odds in undecided.items():
-        if all(other in undecided for other in found if other[1][0] == place[1][0]):  # else they are parts of one
+        here = [other for other in found if other[1][0] == place[1][0] and other in belief.named]
+        if all(other in undecided for other in here):  # else they are parts of one
             belief.named[place] = replace(belief.named[place], another_function=odds)
     return found
 

@@ -10,7 +10,7 @@ the name is not told, it is either one or the other, and the torque of the likel
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +19,10 @@ from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
+from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
 from dynid_rs.diagnosis.shapes import polished
-from dynid_rs.diagnosis.trials import Value, evidence
+from dynid_rs.diagnosis.trials import Value, blocks, evidence, helps, whole_runs
 from dynid_rs.diagnosis.waves import SIZES
 from dynid_rs.excitation.named import NamedEffect
 from dynid_rs.excitation.separation import Separation
@@ -51,10 +52,11 @@ def contest(belief: Belief, effect: PlacedEffect, columns: Sequence[tuple[int, i
     catalogue, beside = belief.catalogue, belief.beside.without(columns)
     (h,) = catalogue.of([shaped_as(effect)])
     own = valued(beside, catalogue, h)
-    here = [s for s in catalogue.grid if _competes(s, h) and (s.kind, s.joints) not in belief.named]
+    taken = belief.named.keys() | {(e.kind, e.joints) for e in belief.setup.effects}
+    here = [s for s in catalogue.grid if _competes(s, h) and (s.kind, s.joints) not in taken]
     rivals, _ = evidence(beside, catalogue.of(here))
     for place, rival in rivals.items():
-        if abs(rival.value - own.value) < WITHIN_REACH:  # so near that the gaps of the grid could decide
+        if rival.value > own.value - WITHIN_REACH:  # so near that the gaps of the grid could decide
             rivals[place] = valued(beside, catalogue, polished(beside, catalogue, rival.hypothesis))
     return Contest(beside, own, rivals)
 
@@ -88,30 +90,39 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
 
 
 def settle_rivals(belief: Belief) -> dict[Place, Contest]:
-    """Believe of every torque the likeliest kind beside all other names, and give it its ties and refuted rivals.
+    """Put kinds that are likelier beside all other names in their places, where they hold; the contests of those then.
 
-    Returns all contests of what is believed then. A name that came before others was the likeliest without them.
+    A name that came before others was the likeliest without them. Of two that tie the likelier one predicts, and goes
+    on beyond the motion that was seen.
     """
-    given_up: set[Place] = set()  # near each other two kinds could take turns, each the likelier once the other is in
+    asked = set[tuple[Place, Place]]()
     while True:
         contests = weigh_rivals(belief)
-        likelier = {
-            place: (named, rival)
-            for place, named in belief.named.items()
-            if place in contests and (rival := _likelier(contests[place], {*named.same, *given_up})) is not None
-        }
-        if not likelier:
+        likelier = {place: _likelier(belief, place, contests[place]) for place in belief.named if place in contests}
+        pairs = [(place, v) for place, v in likelier.items() if v and (place, v.hypothesis.place) not in asked]
+        if not pairs:
             return contests
-        place, (named, rival) = max(likelier.items(), key=lambda item: item[1][1].value - contests[item[0]].own.value)
-        given_up.add(place)
-        belief.merge([place], rival.hypothesis, named.log_odds + rival.value - contests[place].own.value)
+        place, rival = pairs[0]
+        new, before, gain = rival.hypothesis.place, belief.kept, rival.value - contests[place].own.value
+        asked.add((place, new))
+        belief.merge([place], rival.hypothesis, belief.named[place].log_odds + gain)
+        settle(belief)
+        now = weigh_rivals(belief)[new]
+        if place in now.rivals and now.rivals[place].value > now.own.value:  # not with everything fitted again
+            belief.restore(before)
 
 
-def _likelier(against: Contest, never: Collection[Place]) -> Value | None:
-    """The likeliest rival of a torque, none of `never`, if it is likelier than the name."""
-    rivals = [rival for place, rival in against.rivals.items() if place not in never]
+def _likelier(belief: Belief, place: Place, against: Contest) -> Value | None:
+    """The likeliest rival of a name, of another cause at its joints, if it is likelier than that and holds on parts."""
+    kind, joints = place
+    asked = {other for other in against.rivals if other[1] == joints and not is_one_cause(kind, other[0])}
+    rivals = [against.rivals[other] for other in (asked if belief.only is None else asked & belief.only)]
     best = max(rivals, key=lambda rival: rival.value, default=against.own)
-    return best if best.value > against.own.value else None
+    if best.value <= max(against.own.value, SURE):
+        return None
+    parts, runs = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths)
+    after = against.beside.with_columns(best.columns)
+    return best if helps(against.beside, after, belief.reach(best.hypothesis), parts, runs) else None
 
 
 def weigh_rivals(belief: Belief) -> dict[Place, Contest]:

@@ -57,7 +57,7 @@ def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentif
 def weighed_as(
     declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
 ) -> ThreeLoopIdentifier:
-    """Fit in which joints' rows say of the links no more than on motion that was not seen (`_least_noise`).
+    """Fit in which joints' rows say as much of the links as if they had the noise of motion that was not seen.
 
     What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
     right they would draw the links, and joints that have no name are predicted worse; what they say more exactly moves

@@ -183,9 +183,11 @@ def next_experiments(result: Result) -> list[str]:
         for tie in (tie for tie in entry["ties"] if not tie.get("same_torque")):
             own = {"kind": entry.get("told_as", entry["kind"]), "joints": entry["joints"]}
             pair = f"{named(own, result['joints'])} and {named(tie, result['joints'])}"
-            how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
             if tie["kind"] == ANOTHER_FUNCTION:
-                how = ": one that goes beyond the positions that the runs have shown"
+                differ = "differ beyond the positions that the runs have shown; one that goes there decides"
+                said[f"{_sentence(pair)} {differ}."] = None
+                continue
+            how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
             said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = (
                 None
             )

@@ -7,7 +7,7 @@ from typing import Any
 
 from dynid_rs.base.mattering import measured
 from dynid_rs.base.units import unit_text
-from dynid_rs.base.wording import kinds_said, under_words
+from dynid_rs.base.wording import ANOTHER_FUNCTION, kinds_said, under_words
 from dynid_rs.report import curves
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.families import Family, Member, families, where_of
@@ -164,12 +164,18 @@ def _neighbours(entry: Result) -> str:
         with_it = f" (test error {' / '.join(significant(e) for e in errors)})" if 0 < len(errors) <= 2 else ""
         how = f" To separate them:<br><code>{esc(tie['separate'])}</code>" if tie.get("separate") else ""
         body += (
-            f'<p class="tie"><b>Not told apart from {esc(words(tie["kind"]))}</b>{there}, which explains the data '
-            f"equally well{with_it}{_on_any_motion(tie)}.{how}</p>\n"
+            f'<p class="tie"><b>Not told apart from {esc(words(tie["kind"]))}</b>{there}, which '
+            f"{_as_well(tie)}{with_it}{_on_any_motion(tie)}.{how}</p>\n"
         )
     apart = [_apart(other, entry["joints"]) for other in entry.get("told_apart_from") or []]
     body += f'<p class="note">Told apart from {join_words(apart)}.</p>\n' if apart else ""
     return body
+
+
+def _as_well(tie: Result) -> str:
+    if tie["kind"] == ANOTHER_FUNCTION:
+        return "may go on otherwise beyond the positions that the runs have shown"
+    return "explains the data equally well"
 
 
 def _on_any_motion(tie: Result) -> str:
