@@ -126,6 +126,14 @@ def test_a_bearing_needs_the_neighbour_that_is_named(robot, wish, words):
         ShapedEffect.of(parse_effect(f"bearing_friction:{wish}", robot), robot)
 
 
+def test_what_is_no_law_is_not_simulated(robot):
+    """A tie of a law with any function of its angle has another command, which is said."""
+    with pytest.raises(
+        ValueError, match=r"is no law .* `dynid excite ROBOT -o next.csv --after RESULT` designs motion"
+    ):
+        parse_effect("another_function_of_the_position:1", robot)
+
+
 def test_one_joint_has_no_neighbour_to_rub_under():
     alone = RobotModel.from_urdf_string(chain(["revolute"]))
     with pytest.raises(ValueError, match="there is no joint beside j1"):

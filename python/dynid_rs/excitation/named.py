@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from dynid_rs.base.wording import ANOTHER_FUNCTION
 from dynid_rs.model.placed import CATALOGUE
 
 if TYPE_CHECKING:
@@ -102,6 +103,11 @@ def parse_effect(text: str, robot: RobotModel) -> NamedEffect:
 def _check_kind(kind: str, text: str) -> None:
     if is_separable(kind):
         return
+    if kind == ANOTHER_FUNCTION:
+        raise ValueError(
+            f"--separate {text}: what is no law is not simulated; `dynid excite ROBOT -o next.csv --after RESULT` "
+            "designs motion beyond the positions that the runs of that diagnosis have shown"
+        )
     known = (*(k for k in COLUMN_KINDS if is_separable(k)), TILT)
     if kind in CATALOGUE and kind not in OTHERS:
         raise ValueError(f"--separate {text}: {kind} is part of every model; name one of {', '.join(known)}")
