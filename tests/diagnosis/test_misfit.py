@@ -91,7 +91,29 @@ def test_ripple_that_was_not_seen_again_may_be_any_function(monkeypatch, in_its_
     assert named[place].another_function == tied
 
 
-def without_a_name(monkeypatch, beside, in_its_place, times=np.inf, declared=()):
+@pytest.mark.parametrize(
+    ("interval", "tied"), [((0.0, 3.0), -10.0), (None, -10.0), ((1.0, 3.0), None)], ids=["none", "not known", "told"]
+)
+def test_a_cylinder_whose_force_may_be_none_while_its_shape_is_open_may_be_any_function(monkeypatch, interval, tied):
+    """Its torque stays a law's: the links are fitted beside it."""
+    place = ("counterbalance", (0,))
+    numbers = [
+        SimpleNamespace(name="counterbalance", interval=interval),
+        SimpleNamespace(name="b", interval=(1.0, 2.0)),
+    ]
+    monkeypatch.setattr(misfit, "estimates", lambda _: {place: numbers})
+    found, named = without_a_name(monkeypatch, (-1.0, 0), {place: (90.0, 0)})
+    assert found == {}
+    assert named[place].another_function == tied
+
+
+@pytest.fixture(autouse=True)
+def sizes_that_are_told(monkeypatch):
+    told = [SimpleNamespace(name="counterbalance", interval=(1.0, 3.0))]
+    monkeypatch.setattr(misfit, "estimates", lambda belief: dict.fromkeys(belief.named, told))
+
+
+def without_a_name(monkeypatch, beside, in_its_place, times=9.0, declared=()):
     """Places without a name and all names, of which each is worth 100; functions' evidence and places in the lists."""
     monkeypatch.setattr(misfit, "waves", lambda *_, **__: None)
     monkeypatch.setattr(misfit, "_likeliest", lambda model, *_: beside if model is None else model)

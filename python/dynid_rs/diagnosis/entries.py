@@ -62,10 +62,11 @@ def effect_entries(
             )
         elif (plot := structure_plot(found, place, known[place], errors.model, errors.x)) is not None:
             entry["plot"] = plot
+        if named.another_function is not None and effect in sized:
+            entry |= {"kind": "unknown", "told_as": kind}
+            entry["ties"].append(_tie((ANOTHER_FUNCTION, joints), named.another_function, named, names))
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
-            if named.another_function is not None and effect in sized:
-                entry["ties"].append(_tie((ANOTHER_FUNCTION, joints), named.another_function, named, names))
         elif is_one_or_another(place, named):
             entry |= {"kind": "unknown", "told_as": kind}
         elif effect is not None and effect not in sized:  # it predicts, but its size may be none

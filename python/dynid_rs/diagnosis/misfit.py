@@ -3,7 +3,8 @@
 A name says that a torque is one function, up to its coefficients and shape. In the place of a right one a function
 without a name, which pays for every wave, is far less probable, and beside it no more probable than none; in the place
 of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is not. Ripple returns: where that was not
-seen, it is any function too. The torque is kept, for it predicts, and its cause is called unknown.
+seen, it is any function too; a cylinder whose force may be none while its shape is open may be another one. The torque
+is kept, for it predicts, and its cause is called unknown.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.estimates import estimates
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place, Shaped
+from dynid_rs.diagnosis.shapes import searched
+from dynid_rs.diagnosis.standing import may_be_none
 from dynid_rs.diagnosis.waves import SMOOTHER, Argument, same_angles, smoother, waves
 from dynid_rs.model.placed import CATALOGUE
 
@@ -54,12 +58,13 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
         odds = in_its_place - against.own.value
         if odds > -SURE:
             found[place] = arguments[at]
-        was_seen_again = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape)) >= SEEN_AGAIN
         if place not in belief.named:
             continue  # believed from the beginning
-        if not was_seen_again:
+        times = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape))
+        was_seen = times >= SEEN_AGAIN and (np.isfinite(times) or _has_a_size(belief, place))
+        if times < SEEN_AGAIN:
             found.setdefault(place, arguments[0])
-        if beside <= SURE and ((at == 0 and abs(odds) <= SURE) or (odds < -SURE and not was_seen_again)):
+        if beside <= SURE and ((at == 0 and abs(odds) <= SURE) or (odds < -SURE and not was_seen)):
             undecided[place] = odds
     found = _parts_of(found, belief) | found
     for place, odds in undecided.items():
@@ -67,6 +72,15 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
         if all(other in undecided for other in here):  # else they are parts of one
             belief.named[place] = replace(belief.named[place], another_function=odds)
     return found
+
+
+def _has_a_size(belief: Belief, place: Place) -> bool:
+    """Whether the size of a law of an angle is told from zero with its shape unknown: else it is one of many curves."""
+    if not (_is_of_the_angle(place[0]) and searched(place[0])):
+        return True
+    size = [c["name"] for c in CATALOGUE[place[0]]["coefficients"]]
+    numbers = [number for number in estimates(belief)[place] if number.name in size]
+    return any(number.interval is not None and not may_be_none(number.interval) for number in numbers)
 
 
 def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis]) -> tuple[float, int]:

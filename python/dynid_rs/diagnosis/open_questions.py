@@ -172,7 +172,7 @@ def open_questions(
     contests : mapping
         Every torque that was found against what may stand in its place (`rivals.settle_rivals`).
     without_name : mapping
-        Those that any function does as well as (`misfit.nameless`).
+        Those that any function does as well as (`misfit.nameless`, which also tells names that are open).
     """
     fit, setup = belief.fit, belief.setup
     candidates: list[Candidate] = []
@@ -206,7 +206,8 @@ def open_questions(
         first = own(asked.place)
         second = add(against.rivals[asked.other], against.beside, [at for _, at in own_places[asked.place]])
         questions.append(Question(first, second, asked.log_odds))
-    for (kind, joints), argument in without_name.items():
+    open_laws = [place for place, named in belief.named.items() if named.another_function is not None]
+    for (kind, joints), argument in {**{place: own_angle(place[1][0]) for place in open_laws}, **without_name}.items():
         if argument == own_angle(joints[0]) and of_angle(kind, joints[0]) and len(questions) < MOST:
             functions, odds = rival_functions(belief.catalogue, kind, joints[0], contests[kind, joints])
             # What is told in its place, and yet does not do beside a function: as likely as not.

@@ -98,13 +98,14 @@ def sized(belief: Belief) -> None:
     while True:
         known = estimates(belief)
         structure = [h.place for h in belief.structure() if h.place != belief.mounting]
-        at = [place for place in structure if all(_may_be_none(number.interval) for number in known[place])]
+        at = [place for place in structure if all(may_be_none(number.interval) for number in known[place])]
         if not at:
             return
         belief.remove(min(at, key=lambda place: belief.named[place].log_odds))
 
 
-def _may_be_none(interval: tuple[float, float] | None) -> bool:
+def may_be_none(interval: tuple[float, float] | None) -> bool:
+    """Whether zero is within an interval; what has none is not known at all."""
     return interval is None or interval[0] <= 0.0 <= interval[1]
 
 
