@@ -12,7 +12,7 @@ from dynid_rs.base.estimator import clone
 from dynid_rs.diagnosis import weighing
 from dynid_rs.diagnosis.belief import Belief, fitted
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.weighing import last_fit, weighed_as
+from dynid_rs.diagnosis.weighing import last_fit, weighed_again
 from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.runs.splitting import split_runs
 
@@ -42,7 +42,7 @@ def declared(tmp_path_factory):
 
 def test_the_evidence_chooses_where_that_harms_nobody(declared):
     setup, train, _, fit = declared
-    weighed = weighed_as(fit, fit, setup, train)
+    weighed = weighed_again(fit, fit, setup, train)
     assert not weighing._does_harm(fit, weighed, all_ways(fit))
     assert prior(weighed) == prior(fit)
     np.testing.assert_allclose(weighed.links_.x_, fit.links_.x_, rtol=0.05, atol=1e-3 * np.abs(fit.links_.x_).max())
@@ -61,7 +61,7 @@ def test_a_prior_that_harms_a_joint_is_not_taken(declared, monkeypatch):
         return fitted(setup, train, **options)
 
     monkeypatch.setattr(weighing, "fitted", spoiled)
-    weighed = weighed_as(fit, fit, setup, train)
+    weighed = weighed_again(fit, fit, setup, train)
     assert asked == [None, prior(fit)]
     assert prior(weighed) == prior(fit)
 
@@ -91,7 +91,7 @@ def test_joints_weigh_by_what_they_may_leave_elsewhere(declared):
     noise = noise_of(fit)
     quiet = noise / np.array([1.0, 0.5, 2.0, 10.0, 100.0, 1.0, 1.0])
     now.links_.posterior_ = replace(fit.links_.posterior_, noise_std=quiet)
-    least = weighed_as(fit, now, setup, train).links_.least_noise
+    least = weighed_again(fit, now, setup, train).links_.least_noise
     np.testing.assert_allclose(least / noise, [1.0, 1.0, 1.0, 0.25, 0.025, 1.0, 1.0])
 
 
@@ -110,7 +110,7 @@ def test_a_torque_without_a_name_says_nothing_of_the_links(declared):
     """A cosine of the angle of a joint that lifts is gravity's own on these runs: it takes what is left beside it."""
     setup, train, _, fit = declared
     (linked, alone), columns = last_fits(declared, joint=1, cycles=1.2)
-    before = weighed_as(fit, fit, setup, train).links_
+    before = weighed_again(fit, fit, setup, train).links_
     far, near = (np.linalg.norm(links.phi_base_ - before.phi_base_) for links in (linked, alone))
     assert near < 0.02 * far
     sizes = [np.linalg.norm(links.x_[columns]) for links in (linked, alone)]

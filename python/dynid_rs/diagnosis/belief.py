@@ -36,7 +36,7 @@ class Named:
 
     `same` are the ties that no motion would tell: beside the declared model their torque is the same.
     `another_function`: logarithmic odds of a function of the same angle in its place, where the data speak against
-    neither, or it is ripple that was not seen again (`misfit.py`).
+    neither, or what they show of the law is any curve's too (`misfit.py`).
     """
 
     hypothesis: Hypothesis

@@ -9,15 +9,16 @@ is kept, for it predicts, and its cause is called unknown.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.estimates import estimates
+from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
@@ -39,14 +40,16 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     """Places of names that a function of their own angle does as well as, and what that is a function of.
 
     So does one in the place of ripple that was not seen again. Where the data refute neither the name nor a function of
-    the joint's own angle, the name is one of two answers: the function is its tie (`Named.another_function`). Several
-    names of functions of one angle are that only together, where all of them are open.
+    the joint's own angle, or what they show of a law is any curve's too (ripple not seen again, a size that may be none
+    while the shape is open), the name is one of two answers: the function is its tie (`Named.another_function`).
+    Several names of functions of one angle are that only together, where all of them are open.
 
     `contests` (`settle_rivals`) hold the model without each torque, and what the torque is worth there.
     """
     n = belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
     undecided: dict[Place, float] = {}
+    numbers = cache(lambda: estimates(belief))  # for laws with an open shape alone, which few models have
     for place, against in contests.items():
         kind, joints = place
         arguments, turning = same_angles(kind, joints[0], n)
@@ -61,7 +64,7 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
         if place not in belief.named:
             continue  # believed from the beginning
         times = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape))
-        was_seen = times >= SEEN_AGAIN and (np.isfinite(times) or _has_a_size(belief, place))
+        was_seen = times >= SEEN_AGAIN and (np.isfinite(times) or _has_a_size(place, numbers))
         if times < SEEN_AGAIN:
             found.setdefault(place, arguments[0])
         if beside <= SURE and ((at == 0 and abs(odds) <= SURE) or (odds < -SURE and not was_seen)):
@@ -74,13 +77,12 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     return found
 
 
-def _has_a_size(belief: Belief, place: Place) -> bool:
+def _has_a_size(place: Place, numbers: Callable[[], Mapping[Place, Sequence[Estimate]]]) -> bool:
     """Whether the size of a law of an angle is told from zero with its shape unknown: else it is one of many curves."""
     if not (_is_of_the_angle(place[0]) and searched(place[0])):
         return True
-    size = [c["name"] for c in CATALOGUE[place[0]]["coefficients"]]
-    numbers = [number for number in estimates(belief)[place] if number.name in size]
-    return any(number.interval is not None and not may_be_none(number.interval) for number in numbers)
+    coefficients = {coefficient["name"] for coefficient in CATALOGUE[place[0]]["coefficients"]}
+    return any(not may_be_none(number.interval) for number in numbers()[place] if number.name in coefficients)
 
 
 def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis]) -> tuple[float, int]:

@@ -206,8 +206,8 @@ def open_questions(
         first = own(asked.place)
         second = add(against.rivals[asked.other], against.beside, [at for _, at in own_places[asked.place]])
         questions.append(Question(first, second, asked.log_odds))
-    open_laws = [place for place, named in belief.named.items() if named.another_function is not None]
-    for (kind, joints), argument in {**{place: own_angle(place[1][0]) for place in open_laws}, **without_name}.items():
+    open_laws = {p: own_angle(p[1][0]) for p, named in belief.named.items() if named.another_function is not None}
+    for (kind, joints), argument in {**open_laws, **without_name}.items():
         if argument == own_angle(joints[0]) and of_angle(kind, joints[0]) and len(questions) < MOST:
             functions, odds = rival_functions(belief.catalogue, kind, joints[0], contests[kind, joints])
             # What is told in its place, and yet does not do beside a function: as likely as not.

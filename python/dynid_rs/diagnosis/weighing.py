@@ -44,9 +44,9 @@ def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentif
         return found.first
     nameless = [effect for effect in setup.effects if (effect.kind, effect.joints) in without_name]
     if not nameless:
-        return weighed_as(found.first, found.fit, setup, train)
+        return weighed_again(found.first, found.fit, setup, train)
     without, fit = found.without(without_name)
-    fit = weighed_as(found.first, fit, without, train)
+    fit = weighed_again(found.first, fit, without, train)
     plan, places = fit.observations_.plan, np.arange(len(fit.links_.x_))
     of_their_joints = np.isin((places - plan.n_base) // plan.n_own, [j for effect in nameless for j in effect.joints])
     at = places[plan.estimable() & ~of_their_joints]
@@ -54,7 +54,7 @@ def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentif
     return fitted(setup, train, friction=_shapes(found.fit), links=links)
 
 
-def weighed_as(
+def weighed_again(
     declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
 ) -> ThreeLoopIdentifier:
     """Fit in which joints' rows say as much of the links as if they had the noise of motion that was not seen.
