@@ -38,6 +38,7 @@ import dynid_rs as dyn
 from campaigns import next_page
 from campaigns.kept import keep, read_kept
 from campaigns.next_arm import Arm, Motion, draw_arm
+from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.excitation import ExcitationLimits
 
 Figures = dict[str, Any]
@@ -113,7 +114,9 @@ def examine(seed: int) -> Figures:
             case["first"] = judged(arm, first)
             if case["first"]["settled"]:
                 return case
-            case |= {"open": True, "questions": _questions(first)}
+            if first.asked is None:
+                return case | {"failure": " ".join(finding.code for finding in first.findings)}
+            case |= {"open": True, "questions": _questions(first.asked)}
             for way in WAYS:
                 case["ways"][way] = list(_moved_on(arm, robot, first, way))
         except (ValueError, RuntimeError) as error:
@@ -186,10 +189,8 @@ def judged(arm: Arm, found: dyn.Diagnosis) -> Figures:
     }
 
 
-def _questions(found: dyn.Diagnosis) -> list[Figures]:
+def _questions(asked: OpenQuestions) -> list[Figures]:
     """What the diagnosis says is open."""
-    asked = found.asked
-    assert asked is not None
     return [
         {"kind": asked.candidates[q.candidates[0]].kind, "tie": bool(q.second.candidates), "log_odds": q.log_odds}
         for q in asked.questions
