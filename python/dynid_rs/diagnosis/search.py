@@ -106,9 +106,7 @@ def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
             return
         found = accept(belief, found or pair, refused, together=bool(pair))
         share_a_clock(belief)
-        dropped = backward(belief)
-        if found and {named.hypothesis.place for named in found} <= dropped:
-            return  # all that was added is gone again: the next round would only do the same
+        refused |= backward(belief)  # they would only come and go again, in the place of what else may be there
 
 
 def accept(belief: Belief, found: list[Named], refused: set[Place], *, together: bool = False) -> list[Named]:
