@@ -211,7 +211,9 @@ class Along:
         columns = [_in_units(found[c], c) if c in found else {} for c in candidates]
         if catalogue is None:
             return columns
-        return [with_slopes(catalogue, c, own) if own else own for c, own in zip(candidates, columns, strict=True)]
+        return [
+            with_slopes(catalogue, c, c.mean, own) if own else own for c, own in zip(candidates, columns, strict=True)
+        ]
 
     def _shapes(self, fit: ThreeLoopIdentifier) -> list[Columns]:
         """Friction's other shapes on the joints in question, and gears that yield; coefficients are standard normal."""

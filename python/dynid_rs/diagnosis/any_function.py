@@ -90,7 +90,7 @@ def _as_rough(function: Hypothesis, seen: float, falls: float) -> Hypothesis:
 
 
 def _candidate(value: Value, window: Window, turning: bool, against: Contest) -> tuple[Candidate, Columns]:
-    h, size = value.hypothesis, size_of(value)
+    h, size = value.hypothesis, size_of(value.hypothesis, value.columns)
     plain = {j: size * part for j, part in h.columns.items()}
     mean = against.beside.with_columns(plain).best.x[-len(h.unit) :]
     shape = (("low", window.low), ("span", window.span), ("turning", float(turning)))

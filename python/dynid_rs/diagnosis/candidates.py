@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.shaped import Place, Shape, Shaped, is_valid
 from dynid_rs.diagnosis.trials import Value
 from dynid_rs.model.placed import CATALOGUE
@@ -71,7 +71,7 @@ def alive(
     """
     from scipy.special import softmax
 
-    h, size = value.hypothesis, size_of(value)
+    h, size = value.hypothesis, size_of(value.hypothesis, value.columns)
     own = Shaped(h.kind, h.joints, h.shape)
     grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own and most > 1]
     scores = np.array(
@@ -87,7 +87,7 @@ def alive(
         plain = {j: size * part for j, part in one.columns.items()}
         mean = model.with_columns(plain).best.x[-len(one.unit) :]
         candidate = Candidate(one.kind, one.joints, one.shape, size * one.unit, mean)
-        found.append((candidate, with_slopes(catalogue, candidate, plain)))
+        found.append((candidate, with_slopes(catalogue, candidate, mean, plain)))
     wide = [
         replace(one, columns=columns, unit=np.ones(width_of(c)), bounds=_free(width_of(c)), sizes=(1.0,))
         for one, (c, columns) in zip(every, found, strict=True)
@@ -116,16 +116,17 @@ def _distance(one: Shaped, other: Shaped) -> float:
     return float(np.linalg.norm(apart))
 
 
-def with_slopes(catalogue: Catalogue, candidate: Candidate, columns: Columns) -> Columns:
-    """Columns of a candidate, and behind them what its torque changes by where its shape is a little another one.
+def with_slopes(catalogue: Catalogue, h: Candidate | Hypothesis, mean: FloatArray, columns: Columns) -> Columns:
+    """Columns of a kind, and behind them what its torque changes by where its shape is a little another one.
 
     Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
+    `mean` (k,) of its own coefficients, over their units.
     """
-    if candidate.kind not in CATALOGUE:
+    if h.kind not in CATALOGUE:
         return columns  # a change of structure has no shape
-    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
-    size = candidate.unit * candidate.mean
-    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in free_shape(candidate)]
+    own = Shaped(h.kind, h.joints, h.shape)
+    size = h.unit * mean
+    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in free_shape(h)]
     ends = iter(catalogue.of([shaped for pair in steps for shaped in pair]))
     slopes: dict[int, list[FloatArray]] = {j: [] for j in columns}
     for low, high in zip(ends, ends, strict=True):
@@ -140,12 +141,12 @@ def width_of(candidate: Candidate) -> int:
     return len(candidate.unit) + (len(free_shape(candidate)) if candidate.kind in CATALOGUE else 0)
 
 
-def free_shape(candidate: Candidate) -> list[str]:
+def free_shape(h: Candidate | Hypothesis) -> list[str]:
     """Shape parameters that may be others: sizes and phases, where a little less and more is a shape too."""
-    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
+    own = Shaped(h.kind, h.joints, h.shape)
     return [
         name
-        for name, value in candidate.shape
+        for name, value in h.shape
         if name != "partner"
         and (name == PHASE or value != 0.0)
         and all(is_valid(own.kind, _moved(own, name, step).shape) for step in (-STEP, STEP))
@@ -158,7 +159,7 @@ def _moved(own: Shaped, name: str, step: float) -> Shaped:
     return own.with_shape(name, value + step if name == PHASE else value * (1 + step))
 
 
-def size_of(value: Value) -> float:
+def size_of(h: Hypothesis, columns: Columns) -> float:
     """By how much the columns of a place are larger than its hypothesis': the size that is likeliest beforehand."""
-    j = next(iter(value.columns))
-    return float(np.linalg.norm(value.columns[j]) / max(float(np.linalg.norm(value.hypothesis.columns[j])), 1e-300))
+    j = next(iter(columns))
+    return float(np.linalg.norm(columns[j]) / max(float(np.linalg.norm(h.columns[j])), 1e-300))

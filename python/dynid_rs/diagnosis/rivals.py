@@ -18,6 +18,7 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.candidates import size_of, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
@@ -70,7 +71,10 @@ def _competes(s: Shaped, h: Hypothesis) -> bool:
 
 
 def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
-    """Evidence of a kind, `h` its best shape: averaged over that and its grid, whose shapes are as likely beforehand.
+    """Evidence of a kind, `h` its best shape: averaged over the shapes around that and over its grid, alike beforehand.
+
+    Between the grid's values lies a shape that suits the noise too, so one that was looked for there has its price: the
+    part of its step of the grid that the data leave, by its slopes.
 
     Rivals are compared where samples are worth the same to both, as many as to the model that has the torque, and under
     the same sizes beforehand: a kind that expects more than there is would lose to a function for that alone.
@@ -80,7 +84,8 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     _, columns = beside.evidence_for(replace(h, sizes=SIZES))
     best, width = beside.with_columns(columns).best, len(h.unit)
     z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
-    value = best.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
+    wide = with_slopes(catalogue, replace(h, unit=size_of(h, columns) * h.unit), best.x[-width:], columns)
+    value = beside.with_columns(wide).best.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
     shapes = [s for s in catalogue.grid if (s.kind, s.joints) == h.place]
     if shapes:
         others = catalogue.of([s for s in shapes if s.shape != h.shape])

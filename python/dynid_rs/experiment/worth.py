@@ -60,15 +60,11 @@ class Chance:
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """One shape of an answer: its weight, and mean (k,) and covariance (k, k) of all coefficients in question.
-
-    `fixed` (k, k): the covariance where the shape is what it is.
-    """
+    """One shape of an answer: its weight, and mean (k,) and covariance (k, k) of all coefficients in question."""
 
     weight: float
     mean: FloatArray
     covariance: FloatArray
-    fixed: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +168,7 @@ class Worth:
 class _Seen:
     """What a shape makes of the statistic y, whose covariance is `spread @ spread.T`.
 
-    Mean (k,), `spread` (k, k), its inverse, and the logarithm of weight over the root of the covariance's determinant
-    where the shape is fixed: a diagnosis looks for the likeliest shape, which has no price in evidence beyond the
-    grid's. What that takes up of noise alone, half a nat for each direction that rows tell, is taken off.
+    Mean (k,), `spread` (k, k), its inverse, and the logarithm of weight over the root of the covariance's determinant.
     """
 
     weight: float
@@ -185,13 +179,9 @@ class _Seen:
 
 
 def _seen(shape: _Shape, root: FloatArray) -> _Seen:
-    spread, fixed = (
-        np.asarray(np.linalg.cholesky(np.eye(len(root)) + root @ covariance @ root), dtype=np.float64)
-        for covariance in (shape.covariance, shape.fixed)
-    )
-    unspread, unfixed = (np.asarray(np.linalg.inv(each), dtype=np.float64) for each in (spread, fixed))
-    fitted = 0.5 * float(np.sum(unfixed**2) - np.sum(unspread**2))
-    log_weight = float(np.log(max(shape.weight, 1e-300)) - np.sum(np.log(np.diag(fixed)))) - fitted
+    spread = np.asarray(np.linalg.cholesky(np.eye(len(root)) + root @ shape.covariance @ root), dtype=np.float64)
+    unspread = np.asarray(np.linalg.inv(spread), dtype=np.float64)
+    log_weight = float(np.log(max(shape.weight, 1e-300)) - np.sum(np.log(np.diag(spread))))
     return _Seen(shape.weight, root @ shape.mean, spread, unspread, log_weight)
 
 
@@ -216,22 +206,20 @@ def _held(asked: OpenQuestions, question: Question) -> _Held:
     spots = [asked.at(k) for k in question.candidates]
     at = np.concatenate(spots)
     beside = asked.declared(asked.candidates[question.candidates[0]].instead_of)
-    nothing = _Shape(1.0, np.zeros(len(at)), *np.zeros((2, len(at), len(at))))
+    nothing = _Shape(1.0, np.zeros(len(at)), np.zeros((len(at), len(at))))
     shapes: list[list[_Shape]] = []
     first, n = 0, 0
     for answer in (question.first, question.second):
         own = []
         for number, weight in zip(answer.candidates, answer.weights, strict=True):
-            mean, (covariance, fixed) = np.zeros(len(at)), np.zeros((2, len(at), len(at)))
+            mean, covariance = np.zeros(len(at)), np.zeros((len(at), len(at)))
             here = slice(first, first + len(spots[n]))
             likeliest = asked.candidates[number].mean
             mean[first : first + len(likeliest)] = likeliest  # its shape's are where they are by definition
             known = _own(asked.precision, beside, spots[n])
             known = known + RIDGE * np.diag(np.diag(known))
             covariance[here, here] = np.linalg.inv(known)
-            of_kind = slice(first, first + len(likeliest))
-            fixed[of_kind, of_kind] = np.linalg.inv(known[: len(likeliest), : len(likeliest)])
-            own.append(_Shape(weight, mean, covariance, fixed))
+            own.append(_Shape(weight, mean, covariance))
             first, n = first + len(spots[n]), n + 1
         shapes.append(own or [nothing])
     return _Held(beside, at, _own(asked.precision, beside, at), (shapes[0], shapes[1]), question.log_odds)
