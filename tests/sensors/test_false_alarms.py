@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bad_data.clean import tell_clean
+from campaigns.next_arm import draw_arm
 from exam.case import ROBOT, write_case
 from helpers.diagnosed import SIX_AXES, recorded, rigid
 from load_coverage import drawn_arm
@@ -343,3 +344,14 @@ def test_a_base_that_is_a_search_s_grain_off_level_is_no_other_mounting():
     assert [is_another(turned(degrees), down) for degrees in (0, 2.9, 4.1, 4.5, 15, 180)] == [False] * 3 + [True] * 3
     assert is_another(turned(0, 1.62), down)
     assert is_another(down, np.zeros(3))
+
+
+def test_a_joint_that_another_sign_would_make_senseless_is_not_flipped(tmp_path):
+    """A joint whose torque fits nothing weighs nothing: the others were explained better, by links of their own."""
+    arm = draw_arm(129642488, tmp_path)
+    robot = dyn.RobotModel.from_urdf(arm.robot)
+    *runs, test = (dyn.read_recording(path) for path in (*arm.runs, arm.test))
+    assert channel_errors(robot, runs, [test]) == []
+    turned = np.where(np.arange(robot.n_joints) == 1, -1.0, 1.0)
+    (finding,) = channel_errors(robot, [replace(runs[0], tau=turned * runs[0].tau), *runs[1:]], [test])
+    assert (finding.code, finding.file, finding.column) == ("torque_flipped", runs[0].name, "tau_1")

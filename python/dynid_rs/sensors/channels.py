@@ -140,7 +140,7 @@ def _mounted(
 
 
 def _wired(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]:
-    trials = [trial for trial in wiring_trials(bench) if _clear(bench, trial)]
+    trials = [trial for trial in wiring_trials(bench) if _clear(bench, trial) and _makes_sense(trial)]
     if trials:
         best = max(trials, key=lambda trial: trial.fit.log)
         for finding in words.wiring(bench, best, names):
@@ -188,6 +188,12 @@ def _clearly_late(lag: Lag, *, steep: bool) -> bool:
         return False
     # Friction that remembers looks late too, but its noise does not fall off.
     return steep or lag.links_log() - lag.in_time.log > ENOUGH
+
+
+def _makes_sense(trial: Trial) -> bool:
+    """Whether a change explains its own joints: one that it makes unlike any torque leaves the links to the others."""
+    own = trial.fit.run_shares[np.ix_(trial.runs, trial.joints)]
+    return bool(np.median(own) < EXPLAINED)
 
 
 def _clear(bench: Bench, trial: Trial) -> bool:
