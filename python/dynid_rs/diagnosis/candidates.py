@@ -122,11 +122,12 @@ def with_slopes(catalogue: Catalogue, h: Candidate | Hypothesis, mean: FloatArra
     Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
     `mean` (k,) of its own coefficients, over their units.
     """
-    if h.kind not in CATALOGUE:
-        return columns  # a change of structure has no shape
+    names = free_shape(h) if h.kind in CATALOGUE else []
+    if not names:
+        return columns
     own = Shaped(h.kind, h.joints, h.shape)
     size = h.unit * mean
-    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in free_shape(h)]
+    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in names]
     ends = iter(catalogue.of([shaped for pair in steps for shaped in pair]))
     slopes: dict[int, list[FloatArray]] = {j: [] for j in columns}
     for low, high in zip(ends, ends, strict=True):

@@ -85,7 +85,8 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     best, width = beside.with_columns(columns).best, len(h.unit)
     z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
     wide = with_slopes(catalogue, replace(h, unit=size_of(h, columns) * h.unit), best.x[-width:], columns)
-    value = beside.with_columns(wide).best.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
+    after = best if wide is columns else beside.with_columns(wide).best
+    value = after.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
     shapes = [s for s in catalogue.grid if (s.kind, s.joints) == h.place]
     if shapes:
         others = catalogue.of([s for s in shapes if s.shape != h.shape])
