@@ -104,7 +104,7 @@ def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
         pair = [] if found else hidden(belief, asked)
         if not (found or pair):
             return
-        found = accept(belief, found or pair, refused, together=bool(pair))
+        accept(belief, found or pair, refused, together=bool(pair))
         share_a_clock(belief)
         refused |= backward(belief)  # they would only come and go again, in the place of what else may be there
 
