@@ -127,8 +127,8 @@ def test_a_spring_along_a_short_way_may_be_a_cylinder():
     )
 
 
-@pytest.mark.parametrize(("true", "asked"), [("friction_hysteresis", "friction_hysteresis"), ("joint_spring", "none")])
-def test_a_shape_that_was_looked_for_has_the_price_of_its_step_of_the_grid(true, asked):
+@pytest.mark.parametrize(("true", "is_there"), [("friction_hysteresis", True), ("joint_spring", False)])
+def test_a_shape_that_was_looked_for_has_the_price_of_its_step_of_the_grid(true, is_there):
     """Against the evidence of many shapes around it, each as likely beforehand as its distance says."""
     arm = with_effects(rigid(), f"{true}:elbow:1")
     belief = Belief.in_declared(Setup(ROBOT), recorded(arm)[:2])
@@ -151,7 +151,7 @@ def test_a_shape_that_was_looked_for_has_the_price_of_its_step_of_the_grid(true,
     found = valued(beside, catalogue, best).value
     price = found - of_grid - evidence(Shaped(best.kind, best.joints, best.shape))
     assert found == pytest.approx(averaged + of_grid, abs=1.0)  # shapes far away are no straight line
-    assert (price < -1.5) == (true == asked)  # what is not there is as good in any shape
+    assert (price < -1.5) == is_there  # what is not there is as good in any shape
 
 
 def test_a_coupling_behind_parallel_axes_has_two_places_that_no_motion_tells():
