@@ -23,6 +23,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,8 @@ FLAGS = (
 TALLY = threading.Lock()
 SLICE, SLICE_OF_READERS = 2_000_000, 20_000
 """Executions between two notes in the tally."""
+SHORT, LONG_EVERY = 512, 4
+"""Most bytes of an input between two notes, but for every fourth time: long lines take three times as long."""
 Program = tuple[Path, ...]
 """What is started: a program, or one and what it runs."""
 TIMEOUT = 30
@@ -64,15 +67,15 @@ def built() -> Path:
     return target / host / "release" / "dynid-fuzz"
 
 
-def fuzz(program: Program, target: str, limit: str, work: Path) -> dict[str, Any]:
-    """Replay what is kept, then look for more up to a limit of libFuzzer's; figures of the run."""
+def fuzz(program: Program, target: str, limits: Sequence[str], work: Path) -> dict[str, Any]:
+    """Replay what is kept, then look for more within limits of libFuzzer's; figures of the run."""
     found = work / target
     found.mkdir(parents=True, exist_ok=True)
     kept = CORPUS / target
     words = HERE / ("readers.dict" if target in READERS else "words.dict")
     command = [
         *map(str, (*program, found, kept)),
-        *(limit, f"-timeout={TIMEOUT}", "-rss_limit_mb=600", "-print_final_stats=1"),
+        *(*limits, f"-timeout={TIMEOUT}", "-rss_limit_mb=600", "-print_final_stats=1"),
         f"-artifact_prefix={work}/{target}-",
         f"-dict={words}",
     ]
@@ -107,7 +110,9 @@ def fuzz_often(program: Program, target: str, executions: int, work: Path) -> di
         left = executions - so_far["executions"]
         if left <= 0:
             return so_far
-        figure = fuzz(program, target, f"-runs={min(left, part)}", work) | {"program": digest(program)}
+        short = so_far["executions"] // part % LONG_EVERY != LONG_EVERY - 1
+        limits = [f"-runs={min(left, part)}", *([f"-max_len={SHORT}"] if short else [])]
+        figure = fuzz(program, target, limits, work) | {"program": digest(program)}
         figure["seconds"] = round(figure["seconds"] + so_far["seconds"], 1)
         figure["executions"] += so_far["executions"]
         figure["peak_rss_mb"] = max(figure["peak_rss_mb"], so_far["peak_rss_mb"])
@@ -186,7 +191,7 @@ def main() -> int:
     def tried(target: str) -> dict[str, Any]:
         if options.executions:
             return fuzz_often(programs[target], target, options.executions, options.work)
-        return fuzz(programs[target], target, f"-max_total_time={options.seconds}", options.work)
+        return fuzz(programs[target], target, [f"-max_total_time={options.seconds}"], options.work)
 
     with ThreadPoolExecutor(options.jobs) as pool:  # a way in has one thread
         for figure in pool.map(tried, targets):

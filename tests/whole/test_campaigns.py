@@ -117,10 +117,11 @@ def test_the_fuzzer_goes_on_where_the_last_call_ended(tmp_path, monkeypatch):
     spec = importlib.util.spec_from_file_location("fuzz_run", ROOT / "fuzz" / "run.py")
     fuzzer = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fuzzer)
-    asked, failing = [], []
+    asked, short, failing = [], [], []
 
-    def fuzz(program, target, limit, work):
-        asked.append(int(limit.removeprefix("-runs=")))
+    def fuzz(program, target, limits, work):
+        asked.append(int(limits[0].removeprefix("-runs=")))
+        short.append("-max_len=512" in limits)
         return {"target": target, "executions": asked[-1], "seconds": 1.0, "peak_rss_mb": 30, "failed": bool(failing)}
 
     monkeypatch.setattr(fuzzer, "fuzz", fuzz)
@@ -138,3 +139,6 @@ def test_the_fuzzer_goes_on_where_the_last_call_ended(tmp_path, monkeypatch):
     failing.clear()
     assert fuzzer.fuzz_often(program, "lines", 30, tmp_path)["seconds"] == 4.0
     assert fuzzer.fuzz_often(other, "lines", 10, tmp_path)["seconds"] == 1.0
+    short.clear()
+    fuzzer.fuzz_often(other, "lines", 60, tmp_path)
+    assert short == [True, True, False, True, True]  # every fourth time inputs may be long
