@@ -98,6 +98,27 @@ def test_a_variance_that_rounds_below_nothing_is_nothing(plan, monkeypatch):
     assert np.all(np.isfinite(instruments.shift_))
 
 
+@pytest.mark.parametrize("untold", [1, None])
+def test_what_short_runs_do_not_tell_is_not_compared(plan, monkeypatch, untold):
+    """Shifts over a standard error that is none were infinite, and no result was written: nine seconds, seven joints."""
+
+    def nothing_left(observations, runs, residuals, columns, breads):
+        halves = [part[0].shape[1] // 2 for part in columns]
+        return [np.diag([-1e-20 if j < (untold or 3) else 1.0] * 2 * half) for j, half in enumerate(halves)]
+
+    monkeypatch.setattr(instruments_module, "noise_products", nothing_left)
+    recording = closed_loop.run(ENCODER_NOISE).recording(torque_noise=0.2)
+    _, instruments = fitted(plan, prepare(recording, Band(10.0), closed_loop.RATE), "smooth")
+    assert np.all(np.isfinite(instruments.shift_))
+    own = slice(plan.n_base, plan.n_base + plan.n_own)  # of the joint whose noise is not told, apart from all links
+    assert np.all(instruments.shift_[own] == 0) == (untold is None)
+    if untold is None:
+        assert (instruments.dof_, instruments.p_value_) == (0, 1.0)
+        assert not endogeneity(instruments, [""] * plan.n_columns)["biased"]
+    else:
+        assert instruments.dof_ > 0
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_the_test_keeps_its_size_on_clean_data(plan, memory):
     """Of 100 draws of torque noise, white and with memory, about five fall below five percent: 0 to 11 (99.5 %)."""

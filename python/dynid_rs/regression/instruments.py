@@ -35,7 +35,8 @@ MOTION = 0.99
 SMOOTH = 1.5
 """...below a frequency; smooth instruments end at this multiple of it, and at half of the band."""
 NO_DIFFERENCE = 1e-3
-"""Estimates that differ by less than this of a standard error are the same."""
+"""Estimates that differ by less than this of a standard error are the same; a standard error below this part of what
+independent rows would leave is none."""
 SIGNIFICANT, GREATEST_SHIFT = 0.01, 3.0
 """Least squares is called biased below this probability if a parameter moves by more than so many standard errors."""
 NEGLIGIBLE = 1e-10
@@ -63,7 +64,8 @@ class InstrumentalVariables(Estimator):
     std_error_ : ndarray (n_columns,)
         Their standard errors, honest under autocorrelated noise; zeros where not estimated.
     shift_ : ndarray (n_columns,)
-        Estimate less that of least squares, in standard errors of least squares.
+        Estimate less that of least squares, in standard errors of least squares; zero where the runs are too short to
+        tell these.
     statistic_, dof_, p_value_ : float, int, float
         Of the test that least squares is consistent.
     strength_ : float
@@ -114,11 +116,13 @@ class InstrumentalVariables(Estimator):
                 total += gain.T @ product @ gain
             return total
 
-        # A part's noise may be known no better than to a rounding below nothing.
-        plain_std, std_own = (np.sqrt(np.maximum(np.diag(covariance(*of)), 0.0)) for of in ((1.0, 0.0), (0.0, 1.0)))
-        std_plain = np.maximum(plain_std, 1e-300)
-        shift = (estimate - least_squares) / std_plain
-        self.statistic_, self.dof_ = _wald(shift, covariance(-1.0, 1.0) / np.outer(std_plain, std_plain))
+        # A part's noise may be known no better than to a rounding below nothing: of hardly more rows than unknowns.
+        std_plain, std_own = (np.sqrt(np.maximum(np.diag(covariance(*of)), 0.0)) for of in ((1.0, 0.0), (0.0, 1.0)))
+        told = std_plain > NO_DIFFERENCE * np.linalg.norm(factor @ plain, axis=0)
+        shift = np.zeros(len(estimate))
+        shift[told] = (estimate - least_squares)[told] / std_plain[told]
+        between = covariance(-1.0, 1.0)[np.ix_(told, told)] / np.outer(std_plain[told], std_plain[told])
+        self.statistic_, self.dof_ = _wald(shift[told], between)
         self.p_value_ = float(chdtrc(self.dof_, self.statistic_)) if self.dof_ else 1.0
         self.x_, self.std_error_, self.shift_ = (np.zeros(plan.n_columns) for _ in range(3))
         self.x_[used], self.std_error_[used], self.shift_[used] = estimate, std_own, shift
@@ -269,7 +273,7 @@ def _bread(factor: FloatArray, ridge: FloatArray) -> FloatArray:
 def _wald(difference: FloatArray, covariance: FloatArray) -> tuple[float, int]:
     """``d' cov^-1 d`` and its degrees of freedom, in the directions in which the two can differ."""
     values, axes = np.linalg.eigh(covariance)
-    kept = values > NO_DIFFERENCE**2 * max(1.0, float(values[-1]))
+    kept = values > NO_DIFFERENCE**2 * values.max(initial=1.0)
     scores = (axes[:, kept].T @ difference) / np.sqrt(values[kept])
     return float(scores @ scores), int(kept.sum())
 
