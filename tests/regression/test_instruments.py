@@ -100,7 +100,7 @@ def test_a_variance_that_rounds_below_nothing_is_nothing(plan, monkeypatch):
 
 @pytest.mark.parametrize("untold", [1, None])
 def test_what_short_runs_do_not_tell_is_not_compared(plan, monkeypatch, untold):
-    """Shifts over a standard error that is none were infinite, and no result was written: nine seconds, seven joints."""
+    """Shifts over a standard error of none were infinite, and no result was written: nine seconds, seven joints."""
 
     def nothing_left(observations, runs, residuals, columns, breads):
         halves = [part[0].shape[1] // 2 for part in columns]
