@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,8 +18,8 @@ from dynid_rs.diagnosis.trials import Asked, evidence
 HYSTERESIS, UNDER_LOAD = ("friction_hysteresis", (1,)), ("load_dependent_friction", (1,))
 
 
-def believed(*wishes):
-    return Belief.in_declared(Setup(ROBOT), measured(*wishes, n_runs=2))
+def believed(*wishes, n_runs=2):
+    return Belief.in_declared(Setup(ROBOT), measured(*wishes, n_runs=n_runs))
 
 
 def pair_of(belief, *never):
@@ -42,8 +43,22 @@ def test_two_at_different_joints_are_no_pair():
     elbow, wrist = at["friction_hysteresis", (1,)], at["load_dependent_friction", (2,)]
     assert _may_hide(elbow, at["load_dependent_friction", (1,)])
     assert not _may_hide(elbow, wrist)
-    assert not _may_hide(elbow, at["coupled_friction", (1, 2)])
     assert not _may_hide(elbow, elbow)
+    shared, delay = at["coupled_friction", (1, 2)], replace(elbow, kind="torque_delay", joints=(0, 1, 2))
+    assert _may_hide(elbow, shared)
+    assert _may_hide(shared, wrist)
+    assert not _may_hide(shared, at["coupled_friction", (0, 1)])
+    assert not _may_hide(elbow, delay)
+    assert not _may_hide(delay, shared)
+
+
+def test_a_torque_that_two_joints_share_hides_one_of_either():
+    """A coupled wrist and a spring on it had no name at all on a lone run: what each left was the other."""
+    belief = believed("friction_hysteresis:wrist:0.8", "coupled_friction:wrist:0.1", n_runs=1)
+    assert [named.hypothesis.place for named in forward(belief)[0]] == [("friction_hysteresis", (2,))]
+    found = {named.hypothesis.place: named.log_odds for named in pair_of(belief)}
+    assert set(found) == {("friction_hysteresis", (2,)), ("coupled_friction", (1, 2))}
+    assert min(found.values()) > 20.0
 
 
 def test_two_that_stand_in_for_what_has_no_name_are_no_pair(monkeypatch):

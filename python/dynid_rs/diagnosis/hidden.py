@@ -1,4 +1,4 @@
-"""Names that hide each other: a gain and a spring on one joint, a hysteresis and a cylinder.
+"""Names that hide each other: a gain and a spring on one joint, a hysteresis and a cylinder, a spring and a coupling.
 
 A name passes beside those before it. Where two are missing, what one of them leaves is the other: it remembers itself,
 the rows are worth little, parts of the data tell each of them otherwise, and neither passes first.
@@ -18,6 +18,7 @@ from dynid_rs.diagnosis.holding import holds, shares
 from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.shaped import Place
+from dynid_rs.diagnosis.structural import KINDS
 from dynid_rs.diagnosis.trials import Asked, Value, evidence
 from dynid_rs.diagnosis.unexplained import lacks
 
@@ -76,8 +77,13 @@ def _scores(beside: Beside, hypotheses: Sequence[Hypothesis]) -> FloatArray:
 
 
 def _may_hide(h: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two act at the same joints: across joints every unknown torque has two that make it up."""
-    return h.place != other.place and h.place[1] == other.place[1]
+    """Whether two act at the same joints, or a torque at one of the two that share another one.
+
+    Across joints every unknown torque has two that make it up; a change of the structure reaches every joint.
+    """
+    one, two = set(h.joints), set(other.joints)
+    shared = not {h.kind, other.kind} & KINDS.keys() and (one < two or two < one)
+    return h.place != other.place and (one == two or shared)
 
 
 def _stand_in(belief: Belief, one: Value, other: Value, log_places: float) -> bool:
