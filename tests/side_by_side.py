@@ -1,4 +1,4 @@
-"""`python tests/side_by_side.py [ARGUMENT...]`: the test files in one process of pytest more than there are cores.
+"""`python tests/side_by_side.py [ARGUMENT...]`: the test files in as many processes of pytest as there are cores.
 
 A process is as good as the whole run: no worker shares a standard stream or a thread with its neighbours, as tests that
 start, stop and kill processes need it. A file stays whole and beside the others of its room, for tests share what is
@@ -21,8 +21,6 @@ LONG = ("whole/test_measured.py", "house/test_docs.py", "equations/test_paper.py
 """Files of about a minute and more. Each begins early and alone: none is the one that all others wait for."""
 LEAST = 2
 """Files of a process: starting one takes two seconds."""
-WAITING = 1
-"""Processes beyond the cores: tests wait for a browser, a worker that dies, a clock, for a sixth of the time."""
 NONE_COLLECTED = 5
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"} | os.environ
 """Each process has one core. More threads than cores spin while they wait for each other, up to half of all time."""
@@ -32,7 +30,7 @@ def main(arguments: list[str]) -> int:
     """Run all tests; the worst exit code. What each process says is printed when all have ended, failures last."""
     cores = os.cpu_count() or 1
     parts = shared_out(sorted(HERE.rglob("test_*.py")), [HERE / name for name in LONG], cores)
-    with ThreadPoolExecutor(cores + WAITING) as pool:
+    with ThreadPoolExecutor(cores) as pool:
         ended = list(pool.map(lambda part: _run(part, arguments), parts))
     for _, text in sorted(ended):
         print(text, flush=True)
