@@ -144,7 +144,8 @@ def on_trial(belief: Belief, asked: Asked, refused: set[Place]) -> bool:
     belief.accept([Named(asked.values[place].hypothesis, asked.values[place].value - asked.log_places)])
     own = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
     beside = belief.beside.without(own[place])
-    open_ = [h for h in belief.hypotheses() if h.place not in refused and (h.place == place or h.place not in own)]
+    others = (refused | belief.named.keys()) - {place}
+    open_ = [h for h in belief.hypotheses() if h.place not in others]
     again = Asked(evidence(beside, open_)[0], open_, asked.log_places)
     best = _first_to_hold(belief, beside, again, set())
     if best is not None and best.hypothesis.place == place:
