@@ -166,6 +166,10 @@ class Belief:
         first = plan.friction[1].start - 1 - max(column for places in columns for _, column in places)
         return [[(j, plan.n_base + j * plan.n_own + first + column) for j, column in places] for places in columns]
 
+    def by_place(self) -> dict[Place, list[tuple[int, int]]]:
+        """The same by the kind and joints of the torques."""
+        return dict(zip([(e.kind, e.joints) for e in self.setup.effects], self.places(), strict=True))
+
     def without(self, found: Collection[Place]) -> tuple[Setup, ThreeLoopIdentifier]:
         """Setup with torques at places that were `found` silent, and its fit, whose unknowns have the same places."""
         effects = [replace(e, silent=e.joints) if (e.kind, e.joints) in found else e for e in self.setup.effects]

@@ -199,7 +199,7 @@ def open_questions(
         return answers[place]
 
     answers: dict[Place, Answer] = {}
-    own_places = dict(zip([(e.kind, e.joints) for e in setup.effects], belief.places(), strict=True))
+    own_places = belief.by_place()
     ties = _ties(belief, contests)
     for asked in ties[:MOST]:
         against = contests[asked.place]

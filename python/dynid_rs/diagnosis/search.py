@@ -140,10 +140,10 @@ def on_trial(belief: Belief, asked: Asked, refused: set[Place]) -> bool:
     likely = [v for v in asked.values.values() if v.value > SURE and v.hypothesis.kind in CATALOGUE]
     if not likely:
         return False
-    place, before = max(likely, key=lambda v: v.value).hypothesis.place, belief.kept
-    belief.accept([Named(asked.values[place].hypothesis, asked.values[place].value - asked.log_places)])
-    own = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
-    beside = belief.beside.without(own[place])
+    tried, before = max(likely, key=lambda v: v.value), belief.kept
+    place = tried.hypothesis.place
+    belief.accept([Named(tried.hypothesis, tried.value - asked.log_places)])
+    beside = belief.beside.without(belief.by_place()[place])
     others = (refused | belief.named.keys()) - {place}
     open_ = [h for h in belief.hypotheses() if h.place not in others]
     again = Asked(evidence(beside, open_)[0], open_, asked.log_places)
@@ -217,7 +217,7 @@ def merge(belief: Belief) -> bool:
     log_places = float(np.log(belief.catalogue.n_places))
     for one, two in combinations([shaped_as(effect) for effect in belief.setup.effects], 2):
         now = [(s.kind, s.joints) for s in (one, two)]
-        own = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
+        own = belief.by_place()
         if one.joints != two.joints or not set(now) <= set(own) & set(belief.named):
             continue
         others = belief.beside.without([column for place in now for column in own[place]])

@@ -134,7 +134,7 @@ def _is_guilty(belief: Belief, h: Hypothesis, trials: Sequence[tuple[list[BoolAr
     A change of structure has no columns to take out again: it is guilty of what happens where it reaches.
     """
     at = belief.reach(h)
-    torques = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
+    torques = belief.by_place()
     places = torques.get(h.place)
     for parts, lost, declared in trials:
         harmed = np.array(at)[harms(lost[:, at], declared[:, at], len(trials))]
