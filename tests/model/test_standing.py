@@ -61,6 +61,12 @@ def test_a_sum_whose_interval_reaches_into_what_is_tolerated_is_none():
     assert len(stands(*grown, *both("friction", size=-0.165, t=50.0))) == 1
 
 
+def test_what_the_watch_settled_stands_as_it_is():
+    """A small load far out is none that is tolerated: the watch has judged it, and only sums are judged here."""
+    far_out = both("load", "joint_6", 0.09, moments=(0.08, 0.0, 0.0))
+    assert stands(*far_out)["load", "joint_6"].size == pytest.approx(0.09)
+
+
 def test_a_constant_torque_is_held_against_deviations():
     """Two of them are tolerated, 1 N m; what is left may be as small."""
     many = both("offset", size=5.0)

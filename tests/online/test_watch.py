@@ -1,5 +1,7 @@
 """`Watch`: what of a model no longer holds is named with its size, and nothing is where nothing has changed."""
 
+import json
+
 import numpy as np
 import pytest
 from helpers.watched_arm import CHANGES, LOAD, STEP, WORTH, model, motion, recorded, watching
@@ -107,6 +109,20 @@ def test_a_push_passes_and_blinds_nothing():
     (settled,) = (change for change in changes if change.said == "settled")
     assert settled.kind == "friction"
     assert settled.size == pytest.approx(0.2, rel=0.1)
+
+
+@pytest.mark.parametrize("joint", [0, 4])
+def test_a_bump_is_over_when_it_is(joint):
+    """A fifth of a second of 10 N m: five seconds later the watch listens again, and goes on doing so."""
+
+    def bumped(terms, load):
+        t = np.arange(len(terms)) * STEP
+        return 10.0 * ((t > 10.0) & (t < 10.2))[:, None] * (np.arange(6) == joint)
+
+    for seconds in (18.0, 22.0, 26.0, 30.0):
+        done = watching().watch(recorded(seconds, 5, change=bumped))
+        assert done.changes == ()
+        assert json.loads(done.remembered)["numbers"][0] == 0.0, "it still looks at what was there"
 
 
 def test_a_load_is_named_beside_warm_gears():

@@ -60,9 +60,9 @@ def standing(watch: Watch, run: Watched) -> Standing:
         # Between a name and what became of it nothing else is said, so that only the last name may still be open.
         if change.said == "settled" or (change.said == "named" and k == len(told) - 1):
             said.setdefault((change.kind, change.joint), []).append(change)
-    open_ = [parts[0] for parts in said.values() if len(parts) == 1 and parts[0].said == "named"]
-    sums = [_sum(parts) for parts in said.values() if parts[0] not in open_]
-    kept = [*open_, *(change for change in sums if not _is_tolerated(watch, change)), *frozen.values()]
+    judged = [parts[0] for parts in said.values() if len(parts) == 1]
+    sums = [_sum(parts) for parts in said.values() if len(parts) > 1]
+    kept = [*judged, *(change for change in sums if not _is_tolerated(watch, change)), *frozen.values()]
     n = run.left.shape[1]
     residual, ratio = np.full(n, np.nan), relative(run)
     for j in range(n):

@@ -218,19 +218,18 @@ impl OnlineEstimator {
         if let Some(observer) = self.observer.as_mut().filter(|_| is_stale) {
             observer.let_go();
         }
-        status.set(Status::CONTACT, self.in_contact());
-        let is_at_limit = self
-            .adaptation
-            .as_ref()
-            .is_some_and(Adaptation::is_at_limit);
-        status.set(Status::AT_LIMIT, is_at_limit);
-        status
+        status.and(self.standing())
     }
 
-    fn in_contact(&self) -> bool {
-        self.observer
-            .as_ref()
-            .is_some_and(MomentumObserver::contact)
+    /// What holds for as long as no torque is heard.
+    fn standing(&self) -> Status {
+        let (observer, adaptation) = (self.observer.as_ref(), self.adaptation.as_ref());
+        let mut status = Status::OK;
+        let in_contact = observer.is_some_and(MomentumObserver::contact);
+        status.set(Status::CONTACT, in_contact);
+        let is_at_limit = adaptation.is_some_and(Adaptation::is_at_limit);
+        status.set(Status::AT_LIMIT, is_at_limit);
+        status
     }
 
     /// Takes a sample. Whatever it holds, [`Self::tau`] stays finite; a sample that is not used leaves it as it was.
@@ -309,9 +308,8 @@ impl OnlineEstimator {
         let Some(tau) = tau else {
             if let Some(observer) = &mut self.observer {
                 observer.interrupt();
-                status.set(Status::CONTACT, observer.contact());
             }
-            return Ok(status);
+            return Ok(status.and(self.standing()));
         };
         let raw = tau;
         let shown = is_direct.then_some(raw);

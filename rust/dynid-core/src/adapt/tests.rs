@@ -216,6 +216,8 @@ fn limits_stop_it_and_are_said_and_left_at_once() {
     let own = online.adaptation().unwrap();
     assert_eq!(own.factor(0).0, 2.0);
     assert!(own.is_at_limit() && online.hold().contains(Status::AT_LIMIT));
+    let unheard = online.step(&sample(6000, &motion(6000, false), None));
+    assert!(unheard.unwrap().contains(Status::AT_LIMIT));
     arm.factor = [1.4, 1.0];
     // Within a memory: what was beyond the limit has not piled up.
     let told = arm.run(&mut online, 6001..7500);

@@ -66,15 +66,15 @@ impl OnlineEstimator {
         apart: f64,
         answered: Status,
     ) -> Result<Status, CoreError> {
-        let good = answered.only(ELSEWHERE.and(Status::STUCK)) == Status::OK && !self.in_contact();
+        let good = answered.only(ELSEWHERE.and(Status::STUCK)) == Status::OK
+            && !self.standing().contains(Status::CONTACT);
         let Some(adaptation) = &mut self.adaptation else {
             return Ok(Status::OK);
         };
         let tau = tau.unwrap_or(&self.measured);
         self.adapted = adaptation.step(&self.estimator, tau, apart, good)?;
-        let mut status = Status::OK;
+        let mut status = self.standing();
         status.set(Status::ADAPTED, self.adapted.is_some());
-        status.set(Status::AT_LIMIT, adaptation.is_at_limit());
         Ok(status)
     }
 

@@ -150,8 +150,7 @@ impl Watch {
                 // What is tolerated after all was passing by, and observers are for that; what may be either takes longer.
                 if is_open {
                     if self.is_tolerated(&change, change.size.abs()) || rows >= LONGEST {
-                        self.begin_anew(&change);
-                        self.phase = Phase::Quiet;
+                        self.let_go(&change);
                     }
                     return None;
                 }
@@ -193,10 +192,21 @@ impl Watch {
         } else {
             self.begin_anew(&now);
         }
-        if now.joint != before.joint {
+        if (now.kind, now.joint) != (before.kind, before.joint) {
             self.begin_anew(&before);
         }
         now
+    }
+
+    /// What passed by is judged: whichever tests it had set off begin anew, for the window spoke of all of them.
+    fn let_go(&mut self, change: &Change) {
+        self.begin_anew(change);
+        for named in &mut self.tests {
+            if named.test.mean() > self.threshold {
+                named.test = SequentialTest::new();
+            }
+        }
+        self.phase = Phase::Quiet;
     }
 
     fn begin_window(&mut self) {

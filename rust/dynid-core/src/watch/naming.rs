@@ -180,7 +180,9 @@ impl Watch {
             }
             Kind::Unknown => {
                 size = size.max(0.0).sqrt() - 1.0;
-                std *= 0.5 * (size + 1.0);
+                // Squares forget sooner than what is squared: of an AR(1) n rows are worth 2 m / (1 + m^2) n, not n / m.
+                let m = at(&self.memory, joint);
+                std *= 0.5 * (size + 1.0) * (1.0 + 1.0 / (m * m)).sqrt();
             }
             Kind::Load => {
                 let solved = self.solved_load();

@@ -298,6 +298,103 @@ fn no_joint_loses_more_than_all_its_friction_or_gain() {
     }
 }
 
+/// Squares forget sooner than what is squared: of an AR(1) with noise that m rows remember 95 % of the intervals hold nothing grown.
+#[test]
+fn an_interval_of_what_has_no_name_covers() {
+    let mut random = Random(13);
+    for (joint, memory) in [(0, 1.0_f64), (1, 3.0)] {
+        let keep = (memory - 1.0) / (memory + 1.0);
+        let (mut watch, mut noise, mut held) = (watch(), random.normal(), 0);
+        let (trials, rows) = (3000, 75);
+        for _ in 0..trials {
+            let mut window = Evidence::default();
+            for _ in 0..rows {
+                noise = keep * noise + (1.0 - keep * keep).sqrt() * random.normal();
+                window.add(Evidence {
+                    moment: noise * noise / memory,
+                    information: memory.recip(),
+                });
+            }
+            let mut own = watch.tests.iter_mut();
+            let unknown = own.find(|own| (own.kind, own.joint) == (Kind::Unknown, joint));
+            unknown.unwrap().window = window;
+            let change = watch.sized(Change { joint, ..UNKNOWN });
+            held += i32::from(change.size.abs() <= 1.96 * change.std);
+        }
+        let share = f64::from(held) / f64::from(trials);
+        assert!((0.93..0.97).contains(&share), "{memory}: {share}");
+    }
+}
+
+const UNKNOWN: Change = Change {
+    kind: Kind::Unknown,
+    joint: 0,
+    size: 0.0,
+    std: 0.0,
+    moments: [0.0; 3],
+    said: Said::Named,
+    or: None,
+};
+
+/// A watch that judges one more row, in which everything moves and nothing is left, and whose tests have all passed.
+fn passed(phase: Phase) -> Watch {
+    let mut watch = watch();
+    watch.row.moves = vec![true; 2];
+    watch.row.variance = vec![1.0; 2];
+    for named in &mut watch.tests {
+        named.test.r.fill(1e12);
+    }
+    (watch.next, watch.phase) = (0, phase);
+    watch
+}
+
+fn have_passed(watch: &Watch) -> Vec<usize> {
+    let own = watch.tests.iter();
+    let passed = own.filter(|named| named.test.mean() > watch.threshold);
+    passed.map(|named| named.joint).collect()
+}
+
+/// A bump would set off one window after the other if what alarmed on another joint stayed as it was.
+#[test]
+fn what_passes_by_leaves_no_test_passed() {
+    let mut watch = passed(Phase::Telling(LONGEST));
+    assert!(!have_passed(&watch).is_empty());
+    assert_eq!(watch.judge(usize::MAX), None);
+    assert!(matches!(watch.phase, Phase::Quiet));
+    assert_eq!(have_passed(&watch), []);
+}
+
+/// While a load settles no joint's tests go on: if it was friction after all, those of all joints begin anew.
+#[test]
+fn what_was_taken_for_a_load_leaves_no_test_passed() {
+    let load = Change {
+        kind: Kind::Load,
+        joint: 1,
+        ..UNKNOWN
+    };
+    let mut watch = passed(Phase::Settling(LONGEST, load));
+    let (size, information) = (0.5, 1e4);
+    for named in watch.tests.iter_mut().filter(|named| named.joint == 1) {
+        let moment = match named.kind {
+            Kind::Friction => size * information,
+            Kind::Unknown => size * size * information,
+            _ => continue,
+        };
+        named.window = Evidence {
+            moment,
+            information: if named.kind == Kind::Unknown {
+                1.0
+            } else {
+                information
+            },
+        };
+    }
+    let settled = watch.judge(usize::MAX).unwrap();
+    assert_eq!((settled.kind, settled.joint), (Kind::Friction, 1));
+    assert_eq!(settled.said, Said::Settled);
+    assert_eq!(have_passed(&watch), []);
+}
+
 /// Samples of two channels, of which the first shows what `shown` says, while the model's torque goes up and down.
 fn frozen_says(
     shown: impl Fn(usize) -> f64,
