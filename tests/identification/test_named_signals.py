@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from dynid_rs import GaussianMixtureRegressor, RbfRegressor, TorqueModel, _core
-from dynid_rs.model.assembly import with_parts, with_residual
+from dynid_rs.model.assembly import with_changes, with_parts
 from dynid_rs.simulation import bundled_robot
 
 N = 6
@@ -48,6 +48,10 @@ def seen(model, signals, named):
     return _core.named_signals(named, **run)
 
 
+def with_regressions(model, regressions):
+    return with_changes(model, residual=("signals", regressions), residual_signals=SIGNALS, compliance=None)
+
+
 @pytest.fixture(scope="module")
 def fitted(signals):
     """A model whose third loop was fitted on joints 1 and 3 to smooth functions of what they see."""
@@ -56,7 +60,7 @@ def fitted(signals):
     mixture = GaussianMixtureRegressor(3, random_state=0).fit(u, u[:, 0] * u[:, 2])
     rates = seen(model, signals, SIGNALS[3])
     rbf = RbfRegressor(8).fit(rates, np.sin(rates[:, 0]))
-    return with_residual(model, SIGNALS, [None, mixture.mixture_, None, rbf.rbf_, None, None])
+    return with_regressions(model, [None, mixture.mixture_, None, rbf.rbf_, None, None])
 
 
 def test_online_and_offline_see_the_same_to_the_last_bit(fitted, signals):
@@ -86,7 +90,7 @@ def test_a_pair_has_no_signals_and_may_take_their_place(fitted):
     pair = plain_model(residual=("joint_state", [mixture] * N))
     assert plain_model().residual_signals is None
     assert pair.residual_signals is None
-    named = with_residual(pair, SIGNALS, fitted.residual[1])
+    named = with_regressions(pair, fitted.residual[1])
     assert named.residual_signals == SIGNALS
     assert named.residual[1][0] is None
 

@@ -13,12 +13,11 @@ from dynid_rs.commands._fleet_rows import STATUS
 from dynid_rs.pooling.arm import ArmEstimate
 from dynid_rs.pooling.fleet import ArmVerdict, Fleet
 from dynid_rs.pooling.hierarchy import shrunken
+from dynid_rs.regression.uncertainty import NORMAL_95
 
 if TYPE_CHECKING:
     from dynid_rs.commands._fleet_file import FleetRobot
 
-NORMAL_95 = 1.959963984540054
-"""Two-sided 95 % of the normal distribution."""
 PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
 """Of a type's estimates, as `fleet.json` has them."""
 OPINION = {True: "yes", False: "no", None: "unknown"}

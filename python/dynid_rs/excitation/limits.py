@@ -20,7 +20,6 @@ FloatArray = NDArray[np.float64]
 LEAST_ROOM = 1e-3
 """Room from the start to a limit [rad, m] below which a joint counts as stuck."""
 MOTIONS = ("position", "velocity", "acceleration")
-SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True, eq=False)

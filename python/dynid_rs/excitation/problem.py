@@ -149,6 +149,11 @@ class Problem:
         position, velocity, acceleration = (matrix @ x for matrix in matrices)
         return position + self.start, velocity, acceleration
 
+    def inside(self, x: FloatArray) -> FloatArray | None:
+        """Every joint's motion made smaller until it keeps its limits; None where a constraint is still violated."""
+        x = x / np.maximum(1.0, self.bounds.usage(x).max(axis=0) * (1 + 1e-9))
+        return x if self.smoothly_kept(x) else None
+
     def smoothly_kept(self, x: FloatArray) -> bool:
         """Whether the constraints beside the limits are kept, to the accuracy of the search."""
         pairs = zip(self.constraints, self._grids, strict=True)

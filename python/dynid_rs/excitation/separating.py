@@ -187,7 +187,7 @@ class _Search:
     def run(self, first: FloatArray, max_iter: int) -> FloatArray:
         """Return the best motion, valid in every detail; `first` where nothing is better."""
         drawn = [x for x in (self.problem.drawn(self.rng) for _ in range(N_DRAWS)) if x is not None]
-        starts = [first, *(x for x in map(self._inside, drawn) if x is not None)]
+        starts = [first, *(x for x in map(self.problem.inside, drawn) if x is not None)]
         scored = [(_score(self.powers(first)), first)]
         scored += [(_score(self.powers(x)), x) for x in starts[1:] if not self._stop()]
         self._reference = scored[0][0]
@@ -215,7 +215,7 @@ class _Search:
             moved = move(x)
         except _Stopped:
             return score, x
-        inside = self._inside(moved)
+        inside = self.problem.inside(moved)
         if inside is None:
             return score, x
         self._remember(inside)
@@ -242,7 +242,7 @@ class _Search:
             slope = np.array([self._soft(x + size * unit) - here for unit in units]).reshape(x.shape)
             slope = self._along_limits(x, slope)
             direction = slope * np.linalg.norm(x) / max(float(np.linalg.norm(slope)), 1e-300)
-            tried = [y for y in (self._inside(x + step * direction) for step in CLIMB_STEPS) if y is not None]
+            tried = [y for y in (self.problem.inside(x + step * direction) for step in CLIMB_STEPS) if y is not None]
             values = [self._soft(y) for y in tried]
             if not values or max(values) <= here:
                 break
@@ -278,12 +278,7 @@ class _Search:
         direction = self.problem.bounds.roughly_scaled(self.rng.standard_normal(x.shape))
         asked = {j for effect in self.separation.pair for j in effect.effect.joints}
         chosen = [j in asked or self.rng.random() < 0.5 for j in range(x.shape[1])]
-        return self._inside(x + step * direction * np.array(chosen))
-
-    def _inside(self, x: FloatArray) -> FloatArray | None:
-        """Every joint's motion made smaller until it keeps its limits; None where a constraint is still violated."""
-        x = x / np.maximum(1.0, self.problem.bounds.usage(x).max(axis=0) * (1 + 1e-9))
-        return x if self.problem.smoothly_kept(x) else None
+        return self.problem.inside(x + step * direction * np.array(chosen))
 
     def _trajectory(self, x: FloatArray) -> FourierTrajectory:
         return self.problem.series.trajectory(x, self.problem.start)

@@ -168,7 +168,7 @@ class _Search:
                 steepness, share = self.rng.uniform(0.0, 1.0, (2, x.shape[1]))
                 x = self.problem.bounds.roughly_scaled(self.problem.series.falling(x, STEEPEST * steepness))
                 x = x * SLOWEST**share
-            if x is not None and (inside := self._inside(x)) is not None:
+            if x is not None and (inside := self.problem.inside(x)) is not None:
                 found.append(inside)
         return found
 
@@ -196,7 +196,7 @@ class _Search:
         for _ in range(n_steps):
             if self.is_late():
                 break
-            tried = self._inside(self._beside(x, step))
+            tried = self.problem.inside(self._beside(x, step))
             found = -np.inf if tried is None else worth.nats(self.told(tried))
             step = min(step * (LONGER if found > value else SHORTER), 1.0)
             if tried is not None and found > value:
@@ -216,11 +216,6 @@ class _Search:
     def is_late(self) -> bool:
         """Whether the time is over."""
         return self._deadline is not None and time.monotonic() > self._deadline
-
-    def _inside(self, x: FloatArray) -> FloatArray | None:
-        """Every joint's motion made smaller until it keeps its limits; None where a constraint is still violated."""
-        x = x / np.maximum(1.0, self.problem.bounds.usage(x).max(axis=0) * (1 + 1e-9))
-        return x if self.problem.smoothly_kept(x) else None
 
 
 def design_next(

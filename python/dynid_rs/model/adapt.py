@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.model.healthy import UNKNOWN_MEMORY
+from dynid_rs.model.observer import NO_ANSWER
 from dynid_rs.model.watch import Watch
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -21,8 +22,6 @@ from dynid_rs.runs.recording import FloatArray, Recording
 PARTS = ("friction", "payload")
 MOST_MASS = 1e5
 """As `rust/dynid-core/src/adapt/settings.rs` has it [kg]."""
-NO_ANSWER = 1 | 16 | 512
-"""Status of samples without a torque of their own: not finite, repeated, settling."""
 
 
 @dataclass(frozen=True)

@@ -115,19 +115,6 @@ def with_domain(
     return with_changes(model, domain=domain)
 
 
-def with_residual(model: _core.TorqueModel, signals: Signals, regressions: Regressions) -> _core.TorqueModel:
-    """Return `model` with a third loop on named signals in the place of its own; everything else stays.
-
-    Parameters
-    ----------
-    signals : sequence of sequence of (str, int)
-        Per joint: name and joint of what its regression sees, one to six; as for `_core.named_signals`.
-    regressions : sequence of GaussianMixtureRegression, NormalisedRbf or None
-        One per joint, None where there is none.
-    """
-    return with_changes(model, residual=("signals", list(regressions)), residual_signals=signals, compliance=None)
-
-
 def with_changes(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
     """Return `model` with some parts exchanged, in the words of its constructor."""
     given = {

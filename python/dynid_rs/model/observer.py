@@ -23,7 +23,7 @@ from dynid_rs.runs.recording import FloatArray, Recording
 CONTACT = 2048
 """Status bit: something pushes the arm."""
 NO_ANSWER = 1 | 16 | 512
-"""Status bits of samples whose torque is that of one before."""
+"""Status bits of samples without a torque of their own: not finite, repeated, settling."""
 SETTLED = 5.0
 """After so many time constants the observer has forgotten what it began with."""
 SAME_RATE = 0.02

@@ -224,8 +224,7 @@ class NoiseSpectrum:
     The fit takes noise away where the columns have their power (at low frequencies): of a line's power, the leverage
     ``h(f) = w a(f)* B a(f)``, a(f) the transform of the columns. Residual and leverage are smoothed alike, then
     ``S = S_residual / (1 - h / n)^2``: once is unbiased, twice is what leaving samples out would give (the
-    jackknife, HC3 of MacKinnon and White 1985), and makes up for shapes and weights that were fitted too. `max_lag`
-    keeps the spectrum smooth where many columns share a narrow band, which would have taken all of its noise away.
+    jackknife, HC3 of MacKinnon and White 1985), and makes up for shapes and weights that were fitted too.
     """
 
     def __init__(
@@ -235,7 +234,6 @@ class NoiseSpectrum:
         columns: Sequence[FloatArray],
         weighted_bread: FloatArray,
         power: int = 2,
-        max_lag: int | None = None,
     ) -> None:
         from scipy.fft import irfft, next_fast_len, rfft
 
@@ -252,7 +250,7 @@ class NoiseSpectrum:
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
         n_counted = max(float(pairs[0]), 1.0)  # a joint that rests has none
-        taper = flat_top(covariances[:max_lag], n_counted)
+        taper = flat_top(covariances, n_counted)
         self._power = power
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / n_counted
@@ -305,8 +303,6 @@ def noise_products(
     residuals: Sequence[FloatArray],
     columns: Sequence[Sequence[FloatArray]],
     weighted_breads: Sequence[FloatArray],
-    *,
-    power: int = 1,
 ) -> list[FloatArray]:
     """``C_j' Gamma_j C_j`` (k, k) of every joint, Gamma_j its noise's own autocovariance, estimated without bias.
 
@@ -318,13 +314,11 @@ def noise_products(
         C_j. The first of them are those of the fit.
     weighted_breads : per joint
         ``w_j (sum w C' C)^-1`` of the fit, in the places of its columns.
-    power : int
-        As for `grid_noise_products`.
     """
     left = _on_grid(observations, runs, residuals)
     masks = _on_grid(observations, runs, _counted(observations))
     grids = [_on_grid(observations, runs, parts) for parts in columns]
-    return grid_noise_products(left, masks, grids, weighted_breads, power=power)
+    return grid_noise_products(left, masks, grids, weighted_breads)
 
 
 def grid_noise_products(

@@ -14,8 +14,6 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 pub const N_LINK_PARAMS: usize = 10;
 /// Index of the mass.
 pub const MASS: usize = 0;
-/// Indices of the first moment `m c`.
-pub const FIRST_MOMENT: Range<usize> = 1..4;
 /// Indices of `Ixx, Ixy, Iyy, Ixz, Iyz, Izz`.
 pub const INERTIA: Range<usize> = 4..10;
 /// Names in order, as reports and files show them.

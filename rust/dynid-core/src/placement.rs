@@ -267,12 +267,6 @@ impl Placement {
         v.cross(Vector::splat(&self.axis))
     }
 
-    /// `axis . v`.
-    #[inline(always)]
-    pub fn dot_axis<L: Lanes>(&self, v: Vector<L>) -> L {
-        Vector::splat(&self.axis).dot(v)
-    }
-
     /// The axis of the link's frame about which the joint turns, if it does so in the positive sense.
     #[inline(always)]
     pub(crate) fn turns_about(&self) -> Option<usize> {

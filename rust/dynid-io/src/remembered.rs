@@ -46,8 +46,7 @@ struct Parts {
     format: String,
     version: u32,
     of: String,
-    /// JSON has no infinity: null is the logarithm of zero.
-    numbers: Vec<Option<f64>>,
+    numbers: Vec<f64>,
 }
 
 /// Of a model and its watch.
@@ -110,10 +109,9 @@ pub fn parse_remembered(bytes: &[u8], name: &str) -> Result<Remembered, ModelFil
 
 fn read(bytes: &[u8]) -> Result<Remembered, String> {
     let parts: Parts = KIND.parts(bytes)?;
-    let numbers = parts.numbers.into_iter();
     Ok(Remembered {
         of: parts.of,
-        numbers: numbers.map(|x| x.unwrap_or(f64::NEG_INFINITY)).collect(),
+        numbers: parts.numbers,
     })
 }
 
@@ -123,12 +121,11 @@ impl Remembered {
     /// # Errors
     /// `serde_json::Error` if it cannot be written as JSON.
     pub fn to_text(&self) -> Result<String, serde_json::Error> {
-        let numbers = self.numbers.iter();
         let mut text = serde_json::to_string(&Parts {
             format: FORMAT.to_owned(),
             version: VERSION,
             of: self.of.clone(),
-            numbers: numbers.map(|x| x.is_finite().then_some(*x)).collect(),
+            numbers: self.numbers.clone(),
         })?;
         text.push('\n');
         Ok(text)

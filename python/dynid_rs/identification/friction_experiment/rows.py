@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.identification.friction import SearchRun
 from dynid_rs.identification.friction_experiment.pairs import Mirror, find_mirrors, in_motion, still_speed
 from dynid_rs.identification.links import RowGroup
 from dynid_rs.regression.columns import Plan, run_rows
 from dynid_rs.runs.preprocessing import Filter, States
 
 FloatArray = NDArray[np.float64]
-SearchRun = tuple[FloatArray, Filter | None, list[int], list[int] | None]
 Indices = NDArray[np.intp]
 
 _SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "moving")
