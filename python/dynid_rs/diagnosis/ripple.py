@@ -100,12 +100,10 @@ def measured_beside(
     """Measure families anew in what `fit`, which holds them, leaves: what a fit without them imitated is theirs."""
     measured = []
     for j, q, e in _left(setup, fit, train):
-        own = [family for family in families if family.joint == j]
-        torque = [_columns(q, family.orders.tolist()) @ family.coefficients.ravel() for family in own]
-        measured += [
-            _family(j, q, e - sum(torque) + its, [Line(order, family.log_odds) for order in family.orders.tolist()])
-            for family, its in zip(own, torque, strict=True)
-        ]
+        for family in (one for one in families if one.joint == j):
+            orders = family.orders.tolist()
+            its = _columns(q, orders) @ family.coefficients.ravel()
+            measured.append(_family(j, q, e + its, [Line(order, family.log_odds) for order in orders]))
     return measured
 
 
@@ -114,9 +112,9 @@ def _left(
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Every turning joint, its angle and what `fit` leaves of its torque while it moves, all runs after each other.
 
-    What is held is left too: on the grid of a prediction its fast cycles are not what they are at the stamps.
+    Ripple that is held is taken off at the stamps: on the grid of a prediction its fast cycles are not what they are.
     """
-    delay, bare = setup.torque_delay, fit.without_held()
+    delay, bare = setup.delays, fit.without_held()
     residuals = [run.less_torque_delay(delay).tau - bare.predict(run, torque_delay=delay) for run in train]
     moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in train]
     for j, kind in enumerate(setup.robot.joint_kinds):
@@ -125,11 +123,26 @@ def _left(
         parts = []
         for run, residual, speed in zip(train, residuals, moving, strict=True):
             used = speed[:, j] > 0.02 * speed[:, j].max()
+            for start, end in setup.excluded.get(run.name, ()):
+                used &= (run.t < start) | (run.t > end)
             parts.append((_angle(run)[used, j], residual[used, j]))
+        parts = [part for part in parts if len(part[0])]
+        if not parts:
+            continue
         q = np.concatenate([part[0] for part in parts])
-        e = np.concatenate([part[1] - part[1].mean() for part in parts])
+        e = np.concatenate([part[1] - part[1].mean() for part in parts]) - _held(setup, j, q)
         if len(q) and np.ptp(q) > 0:
             yield j, q, e
+
+
+def _held(setup: Setup, joint: int, q: FloatArray) -> FloatArray:
+    """Torque of the held ripple of a joint at its angles, (n,)."""
+    torque = np.zeros(len(q))
+    for one in setup.held:
+        if one.effect.kind == "torque_ripple" and one.effect.joints == (joint,):
+            cycles = one.effect.shape_at(joint)["cycles"]
+            torque += _columns(q, [cycles, 2 * cycles]) @ np.array(one.coefficients)
+    return torque
 
 
 def _angle(run: Recording) -> FloatArray:
