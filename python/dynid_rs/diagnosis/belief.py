@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
-from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
+from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone, value_of
 from dynid_rs.identification.smooth_friction import Shapes, SmoothFrictionIdentifier, sign_shape
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, HeldEffect, PlacedEffect, own_columns, shapes_of_sign
@@ -149,6 +149,12 @@ class Belief:
         kinds = sorted({kind for kind, _ in self.named if kind in REFITTED})
         return [h for h in structural_hypotheses(self.fit, self.setup, kinds) if h.place in self.named]
 
+    def moved(self, place: Place) -> FloatArray:
+        """How far a change of structure is from what was declared, (k,)."""
+        now, then = (replace(setup, declared=self.declared.robot) for setup in (self.setup, self.declared))
+        moved: FloatArray = value_of(now, *place) - value_of(then, *place)
+        return moved
+
     def reach(self, hypothesis: Hypothesis) -> list[int]:
         """Joints whose torque a hypothesis changes: its own, or all where it changes the links that they share."""
         return list(range(self.setup.robot.n_joints)) if hypothesis.kind in KINDS else sorted(hypothesis.columns)
@@ -272,15 +278,16 @@ class Belief:
         self.fit = self._refitted(friction)
         for _ in range(SETTLING):
             moved = self._follow_friction()
-            beside: Beside | None = None  # it takes a while: only made where there is structure
+            setup, beside = self.setup, None  # it takes a while: only made where there is structure
             for h in self.structure():
                 beside = (self.beside if beside is None else beside).with_columns(h.columns)
                 x = coefficients(h, h.columns, beside)
                 std = np.sqrt(np.diag(beside.best.covariance)[-len(h.unit) :]) * h.unit
                 moved = moved or bool(np.any(np.abs(x) > SETTLED * std))
-                self.setup = h.accept(self.setup, x)
+                setup = h.accept(setup, x)
             if not moved:
                 break
+            self.setup = setup
             self.fit = self._refitted(friction)
         self.catalogue = Catalogue(self.fit, self.catalogue)
 

@@ -24,7 +24,7 @@ from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place, Shaped
 from dynid_rs.diagnosis.shapes import searched
-from dynid_rs.diagnosis.standing import may_be_none
+from dynid_rs.diagnosis.standing import may_be
 from dynid_rs.diagnosis.waves import SMOOTHER, Argument, same_angles, smoother, waves
 from dynid_rs.model.placed import CATALOGUE
 
@@ -82,7 +82,7 @@ def _has_a_size(place: Place, numbers: Callable[[], Mapping[Place, Sequence[Esti
     if not (_is_of_the_angle(place[0]) and searched(place[0])):
         return True
     coefficients = {coefficient["name"] for coefficient in CATALOGUE[place[0]]["coefficients"]}
-    return any(not may_be_none(number.interval) for number in numbers()[place] if number.name in coefficients)
+    return any(not may_be(0.0, number.interval) for number in numbers()[place] if number.name in coefficients)
 
 
 def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis]) -> tuple[float, int]:

@@ -17,8 +17,8 @@ def share_a_clock(belief: Belief) -> bool:
     """Name one delay of all joints in the place of those that single joints have, where it is more probable.
 
     Both are the model in which every joint has a delay of its own, with conditions on those: joints without a name have
-    none, or all have the same. How much more probable a condition makes the data is its density afterwards over that
-    beforehand (Dickey 1971, Annals of Mathematical Statistics 42).
+    that which was declared, or all differ from it alike. How much more probable a condition makes the data is its
+    density afterwards over that beforehand (Dickey 1971, Annals of Mathematical Statistics 42).
     """
     together = KIND, tuple(range(belief.setup.robot.n_joints))
     single = [place for place in belief.named if place[0] == KIND and place != together]
@@ -29,7 +29,7 @@ def share_a_clock(belief: Belief) -> bool:
     for h in own:
         beside = beside.with_columns({j: max(h.sizes) * part for j, part in h.columns.items()})
     unit = np.array([max(h.sizes) * h.unit[0] for h in own])
-    now = np.array([value_of(belief.setup, *h.place)[0] for h in own]) / unit + beside.best.x[-len(own) :]
+    now = np.array([belief.moved(h.place)[0] for h in own]) / unit + beside.best.x[-len(own) :]
     S = beside.best.covariance[-len(own) :, -len(own) :]
     none_else = np.eye(len(own))[[h.place not in belief.named for h in own]]
     all_alike = np.diff(np.eye(len(own)), axis=0)

@@ -45,7 +45,7 @@ fitted again; so does one whose structure changes."""
 def search(
     setup: Setup,
     train: Sequence[Recording],
-    fit: ThreeLoopIdentifier | None = None,
+    fit: ThreeLoopIdentifier,
     *,
     mounting_odds: float = 0.0,
     after: OpenQuestions | None = None,
@@ -59,7 +59,7 @@ def search(
         What is believed at the beginning.
     train : sequence of Recording
         Training runs.
-    fit : ThreeLoopIdentifier, optional
+    fit : ThreeLoopIdentifier
         Of the setup to these runs.
     mounting_odds : float
         Logarithmic odds of the setup's mounting, where that is another one than declared: it is a name, which turns
@@ -178,7 +178,9 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> tuple[list[Named],
         if named.kind in REFITTED:
             settled[list(named.columns)] = False
         if told:
-            still = {v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals}
+            still = {
+                v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals if v.hypothesis.place in told
+            }
             told = {p: d for p, d in told.items() if still[p] < asked.need}
         ties = tuple((p, d) for p, d in told.items() if d > -SURE)
         others = tuple((p, d) for p, d in told.items() if d <= -SURE)
@@ -215,11 +217,11 @@ def merge(belief: Belief) -> bool:
     """
     parts, runs, changed = blocks(belief.phase), whole_runs(belief.phase, belief.run_lengths), False
     log_places = float(np.log(belief.catalogue.n_places))
-    for one, two in combinations([shaped_as(effect) for effect in belief.setup.effects], 2):
-        now = [(s.kind, s.joints) for s in (one, two)]
+    for now in combinations([(effect.kind, effect.joints) for effect in belief.setup.effects], 2):
         own = belief.by_place()
-        if one.joints != two.joints or not set(now) <= set(own) & set(belief.named):
+        if now[0][1] != now[1][1] or not set(now) <= set(own) & set(belief.named):
             continue
+        one, two = (shaped_as(e) for place in now for e in belief.setup.effects if (e.kind, e.joints) == place)
         others = belief.beside.without([column for place in now for column in own[place]])
         first, second = belief.catalogue.of([one, two])
         value, columns = others.evidence_for(first)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import HeldEffect, PlacedEffect
+from dynid_rs.model.placement import is_placed_alike
 
 FloatArray = NDArray[np.float64]
 Windows = tuple[tuple[float, float], ...]
@@ -72,9 +73,9 @@ class Setup:
 
     def is_like(self, other: Setup) -> bool:
         """Whether a fit of one is a fit of the other, to the same runs with the same options."""
-        one, two = ((setup.robot, setup.effects, setup.held, setup.gain_joints) for setup in (self, other))
+        one, two = ((setup.effects, setup.held, setup.gain_joints) for setup in (self, other))
         arrays = [(self.encoder_error, other.encoder_error), (self.delays, other.delays)]
-        return one == two and all(np.array_equal(own, its) for own, its in arrays)
+        return one == two and is_placed_alike(self.robot, other.robot) and all(np.array_equal(*pair) for pair in arrays)
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""

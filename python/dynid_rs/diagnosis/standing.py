@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.estimates import estimates
+from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
@@ -55,7 +54,7 @@ def standing(belief: Belief, unnamed: Sequence[Columns] = ()) -> dict[Place, flo
 
 
 def _structure(belief: Belief, beside: Beside) -> dict[Place, float]:
-    """Logarithm of the Bayes factor of the changes of structure, by their posterior's density at none.
+    """Logarithm of the Bayes factor of the changes of structure, by their posterior's density at what was declared.
 
     ``ln BF = v' S^-1 v / 2 + ln(det S / det S_0) / 2``: value v, its covariance S beside everything, its prior's S_0
     (Dickey 1971, Annals of Mathematical Statistics 42).
@@ -66,7 +65,7 @@ def _structure(belief: Belief, beside: Beside) -> dict[Place, float]:
             continue
         size = max(h.sizes)
         after = beside.with_columns({j: size * part for j, part in h.columns.items()})
-        value = value_of(replace(belief.setup, declared=belief.declared.robot), h.kind, h.joints)
+        value = belief.moved(h.place)
         width, unit = len(value), size * h.unit[: len(value)]
         at = slice(len(after.best.x) - len(h.unit), len(after.best.x) - len(h.unit) + width)
         S = after.best.covariance[at, at]
@@ -98,15 +97,21 @@ def sized(belief: Belief) -> None:
     while True:
         known = estimates(belief)
         structure = [h.place for h in belief.structure() if h.place != belief.mounting]
-        at = [place for place in structure if all(may_be_none(number.interval) for number in known[place])]
+        at = [place for place in structure if _may_be_declared(belief, place, known[place])]
         if not at:
             return
         belief.remove(min(at, key=lambda place: belief.named[place].log_odds))
 
 
-def may_be_none(interval: tuple[float, float] | None) -> bool:
-    """Whether zero is within an interval; what has none is not known at all."""
-    return interval is None or interval[0] <= 0.0 <= interval[1]
+def _may_be_declared(belief: Belief, place: Place, known: Sequence[Estimate]) -> bool:
+    """Whether every number of a change of structure may be the one that was declared."""
+    declared = value_of(belief.declared, *place)
+    return all(may_be(value, number.interval) for value, number in zip(declared, known, strict=True))
+
+
+def may_be(value: float, interval: tuple[float, float] | None) -> bool:
+    """Whether a value is within an interval; what has none is not known at all."""
+    return interval is None or interval[0] <= value <= interval[1]
 
 
 def harmless(belief: Belief) -> None:

@@ -58,6 +58,15 @@ def displacement(declared: _core.RobotModel, robot: _core.RobotModel, joint: int
     return np.concatenate([place_now - place, Rotation.from_matrix(turn.T @ turn_now).as_rotvec()])
 
 
+def is_placed_alike(one: _core.RobotModel, other: _core.RobotModel) -> bool:
+    """Whether gravity and every joint's frame are those of another model of the same arm, but for rounding."""
+    moved = [displacement(one, other, j) for j in range(one.n_joints)]
+    return one is other or (
+        bool(np.allclose(one.gravity, other.gravity, rtol=0.0, atol=SAME))
+        and bool(np.allclose(moved, 0.0, rtol=0.0, atol=SAME))
+    )
+
+
 def with_displacement(robot: _core.RobotModel, joint: int, change: FloatArray) -> _core.RobotModel:
     """Return the robot with a joint's frame moved by `change` (6,) [m, rad]."""
     return robot.with_joint_moved(joint, change[:3].tolist(), change[3:].tolist())

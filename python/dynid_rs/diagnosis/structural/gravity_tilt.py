@@ -23,6 +23,9 @@ LARGEST_STEP = 0.6
 UNSEEN = 4
 """Directions of inertials that level gravity hides and a tilt brings out, the strongest first, that stand beside it."""
 
+N_SHOWN = 50
+"""Positions, of all runs, that tell which directions those are."""
+
 
 def tilt_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
     """Roll and pitch against where the base stands now, then what inertials that level gravity hides can add.
@@ -67,8 +70,8 @@ def turned(setup: Setup, change: FloatArray) -> Setup:
 
 def _unseen(about: About, pulls: Sequence[_core.RobotModel]) -> list[tuple[FloatArray, _core.RobotModel]]:
     """Inertials (10 n_links,) that the runs have not shown, each with the pull that would, the strongest first."""
-    states = about.fit.runs_[0]
-    q = np.ascontiguousarray(states.q[states.rows[:: max(1, len(states.rows) // 50)]])
+    every = np.concatenate([states.q[states.rows] for states in about.fit.runs_])
+    q = np.ascontiguousarray(every[:: max(1, len(every) // N_SHOWN)])
     still = np.zeros_like(q)
     found = []
     for pull in pulls:
