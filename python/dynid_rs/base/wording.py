@@ -18,6 +18,12 @@ NO_INTERVAL = (
 )
 """Why there is a dash in the place of a 95 % interval."""
 
+QUANTITY_WORDS = {
+    "torque": "torque",
+    "friction_torque": "friction torque",
+    "deflection": "motor minus link angle",
+}
+"""What a curve shows, by the word that ``result.json`` has for it."""
 ANOTHER_FUNCTION = "another_function_of_the_position"
 """Kind of a tie: what a law of a joint's position is not told from where a function without a name does as well."""
 

@@ -124,7 +124,7 @@ def estimate(
     in_band, untold = _in_band(torque_model, recording, windows, test_from) if source.has_torque else ([], "")
     told = band_rmse(in_band) if in_band else None
     if in_band:
-        found += lost_joints(torque_model.robot, in_band, "the model")
+        found += lost_joints(torque_model.robot, in_band)
     columns: dict[str, Any] = {"t": t, **_by_joint("tau", total)}
     for k, name in enumerate(torque_model.term_names):
         columns |= _by_joint(name, terms[:, k])

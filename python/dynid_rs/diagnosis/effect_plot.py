@@ -8,6 +8,7 @@ import numpy as np
 
 from dynid_rs.base.drawing import panels
 from dynid_rs.base.units import labelled
+from dynid_rs.base.wording import QUANTITY_WORDS
 from dynid_rs.diagnosis.wording import SIGNAL_WORDS
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ def plot_effect(effect: FoundEffect, ax: Any = None) -> Any:
     panel.plot(plot["curve_x"], plot["curve"], color="C0", label=effect.name)
     signal = plot["signal"].removesuffix(f"_{plot['joint']}")
     panel.set_xlabel(labelled(SIGNAL_WORDS.get(signal, signal.replace("_", " ")), plot["unit"]))
-    quantity = "friction" if plot.get("quantity") == "friction_torque" else "torque"
-    panel.set_ylabel(labelled(quantity, effect.torque_unit))
+    quantity = QUANTITY_WORDS.get(plot.get("quantity") or "torque", "torque")
+    panel.set_ylabel(labelled(quantity, plot.get("value_unit") or effect.torque_unit))
     panel.set_title(f"{effect.name}, {plot['joint']}", loc="left", fontsize="medium")
     panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     panel.grid(visible=True, alpha=0.3, linewidth=0.6)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.units import angle_units
 from dynid_rs.identification.loads import link_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
@@ -70,10 +71,26 @@ class Gear:
         return [gear for gear in gears if _changes(gear.deflection) and _changes(gear.load)]
 
     @property
+    def shown(self) -> float:
+        """What the joint's channel shows of one unit of the links' torque, where it shows no torque but a current."""
+        return 1.0 if self.fit.torque_unit_ == "N*m" else float(self.fit.links_.torque_scale_[self.joint])
+
+    @property
+    def load_unit(self) -> str:
+        """Unit of `load`: that of the joint's channel."""
+        kind = self.fit.robot.joint_kinds[self.joint]
+        return "N" if (kind, self.fit.torque_unit_) == ("prismatic", "N*m") else self.fit.torque_unit_
+
+    @property
+    def angle_unit(self) -> str:
+        """Unit of the joint's position."""
+        return angle_units(self.fit.robot.joint_kinds)[self.joint]
+
+    @property
     def load(self) -> list[FloatArray]:
-        """Rigid-body torque [N m] that the fit predicts at every sample, (n,) per run."""
+        """Rigid-body torque that the fit predicts at every sample, in `load_unit`, (n,) per run."""
         load = link_load(self.fit.observations_.plan, self.fit.links_)
-        return [load(states)[:, self.joint] for states in self.fit.runs_]
+        return [self.shown * load(states)[:, self.joint] for states in self.fit.runs_]
 
     def rows(self, signals: Sequence[FloatArray]) -> list[FloatArray]:
         """Signals (n, ...) per run in the band, (n_rows, ...) per run."""
@@ -136,14 +153,14 @@ class Gear:
         j, observations, plan = self.joint, self.fit.observations_, self.fit.observations_.plan
         base = plan.unknowns(j)[plan.n_own :]
         values, vectors = np.linalg.eigh(covariance[np.ix_(base, base)])
-        root = vectors * np.sqrt(np.maximum(values, 0.0)) / float(self.fit.links_.torque_scale_[j])
+        root = vectors * np.sqrt(np.maximum(values, 0.0)) * self.shown
         runs = observations.by_run([block.rows[j][:, plan.n_own : -1] for block in observations.blocks])
         parts = [rows[s.counted[:, j]] @ root for s, rows in zip(self.fit.runs_, runs, strict=True)]
         return np.concatenate(_centred(parts))
 
     def _on_the_link(self) -> FloatArray:
         """Torques of the other terms, (n_rows, k); those that do not change are left out."""
-        rows = np.concatenate(self.rows(self.torques)) / float(self.fit.links_.torque_scale_[self.joint])
+        rows = np.concatenate(self.rows(self.torques)) * (self.shown / float(self.fit.links_.torque_scale_[self.joint]))
         return rows[:, np.ptp(rows, axis=0) > 0]
 
     def hypotheses(self) -> list[GearHypothesis]:
@@ -152,15 +169,17 @@ class Gear:
         # Whoever shows too much makes the difference smaller.
         turning = [-self._once_a_turn(states) for states in runs]
         rate = [slope(tau, states.rate) for tau, states in zip(load, runs, strict=True)]
-        unit = "N*m" if self.fit.torque_unit_ == "N*m" else "A"
+        angle, unit = self.angle_unit, self.load_unit
         free, positive = (-np.inf, np.inf), (0.0, np.inf)
         found = [
             self._hypothesis(
                 "joint_elasticity",
-                {"compliance": (f"rad/({unit})", positive), "damping": (f"rad*s/({unit})", free)},
+                {"compliance": (f"{angle}/({unit})", positive), "damping": (f"{angle}*s/({unit})", free)},
                 [load, rate],
             ),
-            self._hypothesis("nonlinear_elasticity", {"cubic": (f"rad/({unit})^3", free)}, [[tau**3 for tau in load]]),
+            self._hypothesis(
+                "nonlinear_elasticity", {"cubic": (f"{angle}/({unit})^3", free)}, [[tau**3 for tau in load]]
+            ),
         ]
         if self.fit.robot.joint_kinds[self.joint] == "revolute":
             once = {"cosine": ("rad", free), "sine": ("rad", free)}
@@ -171,7 +190,7 @@ class Gear:
         for turn in TURNS:
             sign = [tau / np.hypot(tau, turn * scatter) for tau in load]
             # No play is wider than the encoders differ, however seldom the load turns round.
-            found.append(self._hypothesis("backlash", {"half_gap": ("rad", positive)}, [sign], most=widest))
+            found.append(self._hypothesis("backlash", {"half_gap": (angle, positive)}, [sign], most=widest))
         return found
 
     def _hypothesis(

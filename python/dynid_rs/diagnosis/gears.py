@@ -150,9 +150,9 @@ def _drawn(gear: Gear, h: GearHypothesis, fit: Fit, places: slice) -> dict[str, 
     partial = fit.residual[0] + h.columns @ fit.x[places]
     return {
         "signal": "q" if turning else "tau_link",
-        "unit": "rad" if turning else "N*m",
+        "unit": gear.angle_unit if turning else gear.load_unit,
         "quantity": "deflection",
-        "value_unit": "rad",
+        "value_unit": gear.angle_unit,
         **binned(over, partial, h.columns, fit.x[places], fit.covariance[places, places]),
     }
 

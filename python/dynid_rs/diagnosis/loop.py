@@ -7,7 +7,7 @@ channels and contacts  ->  declared model  ->  mounting, encoders centred  ->  s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -161,11 +161,16 @@ def _traced(
         before,
         found.fit,
         findings=findings,
-        entries=[{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)],
+        entries=[{**entry, "rank": rank + 1} for rank, entry in enumerate(sorted(entries, key=_doubt))],
         steps=[_step(*step, names) for step in found.steps],
         left=unexplained_entries(left, names),
         asked=left_open,
     )
+
+
+def _doubt(entry: Mapping[str, Any]) -> float:
+    """What entries are ordered by, the most certain first; a clock, which is measured, before all others."""
+    return -float(entry.get("evidence", np.inf))
 
 
 def _of_errors(setup: Setup, train: Sequence[Recording], findings: list[Finding]) -> Diagnosis:

@@ -120,7 +120,7 @@ def _place(place: Place, names: Sequence[str]) -> dict[str, Any]:
     return {"kind": place[0], "joints": [names[j] for j in place[1]]}
 
 
-def read_open(path: Path, robot: _core.RobotModel, options: dict[str, Any] | None = None) -> OpenQuestions:
+def read_open(path: Path, robot: _core.RobotModel) -> OpenQuestions:
     """Read `open.json`, or that of a result's folder.
 
     Parameters
@@ -129,8 +129,6 @@ def read_open(path: Path, robot: _core.RobotModel, options: dict[str, Any] | Non
         The file, or the folder that `dynid diagnose -o` wrote.
     robot : RobotModel
         As the robot file has it; what was found of its geometry is put into it.
-    options : dict, optional
-        Arguments of `ThreeLoopIdentifier` for a fit that goes on from there.
 
     Raises
     ------
@@ -146,7 +144,7 @@ def read_open(path: Path, robot: _core.RobotModel, options: dict[str, Any] | Non
                 f"{path}: there is no such file; name the folder of `dynid diagnose -o`, or diagnose once more: "
                 "earlier versions did not write it"
             )
-    return _Reader(path, robot).read(options or {})
+    return _Reader(path, robot).read()
 
 
 class _Reader:
@@ -160,7 +158,7 @@ class _Reader:
             f"{self.path}: {fault}; write it again with `dynid diagnose`", code="bad_open", file=str(self.path)
         )
 
-    def read(self, options: dict[str, Any]) -> OpenQuestions:
+    def read(self) -> OpenQuestions:
         content = read_json(self.path, self.refuse)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             self.refuse(f'"format" must be "{FORMAT}"')
@@ -178,20 +176,20 @@ class _Reader:
         if content.get("checksum") != checksum_of(content):
             self.refuse("is not as it was written (its checksum differs)")
         try:
-            return self._content(content, options)
+            return self._content(content)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
             if isinstance(error, DataError):
                 raise
             self.refuse(f"its content is not what it should be ({shown(str(error), 100)})")
 
-    def _content(self, content: dict[str, Any], options: dict[str, Any]) -> OpenQuestions:
+    def _content(self, content: dict[str, Any]) -> OpenQuestions:
         n = self.robot.n_joints
         named = tuple(
             (self.place(entry, "named"), self.number(entry["log_odds"], "log_odds")) for entry in content["named"]
         )
         cutoff, rate = (self.number(content[key], key, least=1e-3) for key in ("cutoff_hz", "rate_hz"))
         effects = tuple(self.effect(entry, k) for k, entry in enumerate(content["effects"]))
-        setup = Setup(self.robot, effects=effects, options={**options, "cutoff": cutoff})
+        setup = Setup(self.robot, effects=effects, options={"cutoff": cutoff})
         for entry in content["structure"]:
             kind, joints = self.place(entry, "structure")
             if kind not in KINDS:

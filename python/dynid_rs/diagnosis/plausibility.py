@@ -17,14 +17,14 @@ LEAST_ERROR = 0.02
 
 
 def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
-    """Errors of the declared model that no missing effect explains.
+    """Errors that no missing effect explains.
 
     Parameters
     ----------
     robot : RobotModel
         Names the joints.
     comparisons : sequence of Comparison
-        Declared model and measured torque of every run, training and test.
+        Model, with all that was found, and measured torque of every run, training and test.
 
     Returns
     -------
@@ -32,11 +32,11 @@ def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> l
         `residual_exceeds_torque` (error): on some joint the model leaves as much as there is;
         `run_unlike_others` (warning): one run does not belong to the others.
     """
-    return lost_joints(robot, comparisons, "the declared model") + _odd_runs(comparisons)
+    return lost_joints(robot, comparisons) + _odd_runs(comparisons)
 
 
-def lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison], model: str) -> list[Finding]:
-    """Return `residual_exceeds_torque` (error) if the model, called so, leaves as much as a joint's torque."""
+def lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
+    """Return `residual_exceeds_torque` (error) if the model leaves as much as a joint's torque."""
     left, size = band_rmse(comparisons), torque_std(comparisons)
     lost = np.flatnonzero((size > 0) & (left >= size))
     if not len(lost):
@@ -44,7 +44,7 @@ def lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison], mode
     worst = int(lost[np.argmax(left[lost] / size[lost])])
     names = joint_words(*(robot.joint_names[j] for j in lost))
     message = (
-        f"on {names} {model} leaves as much as the torque itself ({left[worst]:.3g} of {size[worst]:.3g} on "
+        f"on {names} the model leaves as much as the torque itself ({left[worst]:.3g} of {size[worst]:.3g} on "
         f"{robot.joint_names[worst]}); that is no missing effect: check units and signs of the torque, the order of "
         "the joints and the robot file (`dynid inspect --robot`)"
     )
@@ -69,7 +69,7 @@ def _odd_runs(comparisons: Sequence[Comparison]) -> list[Finding]:
         if factor >= UNLIKE and np.median(errors[k, joints]) >= LEAST_ERROR:
             name = comparison.states.name
             message = (
-                f"{name}: the declared model leaves {factor:.0f} times as much as on the other runs; it may be of "
+                f"{name}: the model leaves {factor:.0f} times as much as on the other runs; it may be of "
                 "another robot, tool or payload, or in another unit. If something was changed before it, leave it out "
                 "here and diagnose it with --reference"
             )

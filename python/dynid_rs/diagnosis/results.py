@@ -230,8 +230,5 @@ def _with_short_plot(entry: dict[str, Any]) -> dict[str, Any]:
     plot = entry.get("plot")
     if not plot:
         return entry
-    short = dict(plot)
-    for keys in (("x", "partial"), ("curve_x", "curve", "curve_low", "curve_high", "mean")):
-        step = -(-max(len(plot[key]) for key in keys if key in plot) // N_POINTS) or 1
-        short |= {key: plot[key][::step] for key in keys if key in plot}
-    return {**entry, "plot": short}
+    step = -(-len(plot["x"]) // N_POINTS) or 1
+    return {**entry, "plot": plot | {key: plot[key][::step] for key in ("x", "partial")}}

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dynid_rs.base.units import unit_text
+from dynid_rs.base.wording import QUANTITY_WORDS
 from dynid_rs.report.figures import label
 from dynid_rs.report.text import words
 
@@ -27,12 +28,6 @@ _SIGNALS = {
     "deflection": "deflection of the gear",
     "column": "the effect\u2019s own signal",
 }
-QUANTITIES = {
-    "torque": "torque",
-    "friction_torque": "friction torque",
-    "deflection": "motor minus link angle",
-}
-"""What a curve shows, by the word that ``result.json`` has for it."""
 _VALUES = ("partial", "curve", "curve_low", "curve_high", "mean")
 _THOUSANDTHS = {"rad": "mrad", "m": "mm"}
 _SMALL = 0.05
@@ -58,7 +53,7 @@ def axis_labels(plot: Mapping[str, Any], joints: Sequence[str]) -> tuple[str, st
     """Labels of both axes of an effect's curve."""
     name, joint = signal_name(plot["signal"], joints, plot.get("unit"))
     where = f" of {joint}" if joint and joint != plot.get("joint", joint) else ""
-    quantity = QUANTITIES.get(plot.get("quantity") or "torque", "torque")
+    quantity = QUANTITY_WORDS.get(plot.get("quantity") or "torque", "torque")
     return label(name + where, unit_text(plot.get("unit"))), label(quantity, unit_text(plot["value_unit"]))
 
 

@@ -19,7 +19,7 @@ from dynid_rs.identification.friction import SearchRun
 from dynid_rs.identification.friction_experiment.pairs import Mirror, find_mirrors, in_motion, still_speed
 from dynid_rs.identification.links import RowGroup
 from dynid_rs.regression.columns import Plan, run_rows
-from dynid_rs.runs.preprocessing import Filter, States
+from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 Indices = NDArray[np.intp]
