@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dynid_rs.regression.evaluation import noise_floor
-from dynid_rs.runs.preprocessing import Band, States
+from dynid_rs.runs.preprocessing import Band, States, prepare
+from dynid_rs.runs.recording import Recording
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -42,3 +43,12 @@ def test_one_run_whose_noise_is_not_seen_leaves_no_floor():
     hidden = white("hidden", 1.0, 0, rate=20.0)  # nothing lies above twice the band
     assert np.isnan(noise_floor([hidden])).all()
     assert np.isnan(noise_floor([white("seen", 1.0, 0), hidden])).all()
+
+
+def test_on_a_finer_grid_a_slow_run_has_its_own_floor():
+    """Between its samples are straight lines, in which there is no noise above half of its rate."""
+    t = np.arange(4000) / 50.0
+    wave = np.stack([np.sin(2 * t)], axis=1)
+    slow = Recording(t, wave, tau=np.random.default_rng(3).standard_normal((len(t), 1)), name="slow")
+    own, fine = (noise_floor([prepare(slow, Band(5.0), rate)]) for rate in (50.0, 250.0))
+    assert 0.75 < fine / own < 1.2

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
-from dynid_rs.runs.preprocessing import Band, prepare
+from dynid_rs.runs.preprocessing import Band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.slope import slope
 
@@ -50,6 +50,25 @@ def test_states_at_low_rates_are_those_of_the_motion(rate, off):
     for order, name in ((1, "dq"), (2, "ddq")):
         true = wave(states.t, order)[INSIDE]
         assert np.abs(getattr(states, name)[INSIDE] - true).max() < off * np.abs(true).max()
+
+
+def test_runs_of_different_rates_share_the_grid_of_the_fastest_in_any_order():
+    slow, fast = recording(50.0), recording(250.0)
+    assert common_rate([slow, fast]) == common_rate([fast, slow]) == 250.0
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_run_that_is_thinned_out_keeps_the_noise_of_its_band_alone(exact):
+    """Of 250 samples a second every fifth would have all the noise above the band in it."""
+    t = np.arange(60 * 250) / 250.0
+    noise = np.random.default_rng(1).standard_normal((len(t), 2))
+    more = {"dq": wave(t, 1), "ddq": wave(t, 2)} if exact else {}
+    fast = Recording(t, wave(t, 0), tau=noise, name="run.csv", **more)
+    own, thinned = prepare(fast, BAND, 250.0), prepare(fast, BAND, 50.0)
+    assert (own.rate, thinned.rate) == (250.0, 50.0)
+    left = [states.in_band(states.tau).std(axis=0) for states in (own, thinned)]
+    assert_allclose(left[1], left[0], rtol=0.05)
+    assert_allclose(thinned.dq[INSIDE], wave(thinned.t, 1)[INSIDE], atol=1e-3)
 
 
 def test_a_recorded_velocity_is_used():

@@ -15,6 +15,8 @@ FloatArray = NDArray[np.float64]
 
 WELCH = 1024
 """Samples of a segment of the noise's spectrum."""
+INTERPOLATED = 1.5
+"""A torque on a grid that is finer than this times its samples has straight lines between them."""
 FLOOR_METHOD = (
     "wide-band noise of the torque channel inside the band, from the quietest part of its spectrum above the band; "
     "an estimate, which no model of the states can go below but by chance"
@@ -92,7 +94,11 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
     for states in runs:
         frequency, density = power_density(states.tau, states.rate, min(len(states.tau), WELCH))
         # Torques that were thinned out carry an anti-aliasing edge at 0.4 of the rate.
-        high = density[(frequency > 2 * states.band.cutoff) & (frequency < 0.35 * states.rate)]
+        known = 0.35 * min(states.rate, states.recorded_rate)
+        above = (frequency > 2 * states.band.cutoff) & (frequency < known)
+        high = density[above]
+        if states.rate > INTERPOLATED * states.recorded_rate:
+            high = high / np.sinc(frequency[above] / states.recorded_rate)[:, None] ** 4  # what straight lines leave
         if states.filter is None or len(high) < 4:
             return np.full_like(power, np.nan)  # no room above the band
         stretches = np.array_split(high, min(8, len(high) // 4))

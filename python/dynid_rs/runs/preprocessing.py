@@ -116,6 +116,7 @@ class States:
     declared model: for effects that depend on them; None before there is one. `temperature` [degC] as it
     was measured, on the grid; None where it was not. `torque_delay` (n_joints,) [s] of the torque channels was taken
     out of `tau`. `before`: the run up to here, where it is a part of one; what a model remembers comes from there.
+    `recorded_rate` [Hz]: nothing is known of half of it and above.
     """
 
     name: str
@@ -139,6 +140,7 @@ class States:
     resting: NDArray[np.bool_] = None  # type: ignore[assignment]
     before: States | None = None
     torque_delay: FloatArray = None  # type: ignore[assignment]
+    recorded_rate: float = np.inf
 
     def __post_init__(self) -> None:
         if self.resting is None:
@@ -257,9 +259,8 @@ def top_speed(runs: Sequence[States]) -> FloatArray:
 
 
 def common_rate(recordings: list[Recording]) -> float:
-    """Mean sampling rate of the first run [Hz], a whole number where it is one; the grid of all of them."""
-    first = recordings[0]
-    rate = (first.n_samples - 1) / first.duration
+    """Mean sampling rate of the fastest run [Hz], a whole number where it is one; the grid of all of them."""
+    rate = max((recording.n_samples - 1) / recording.duration for recording in recordings)
     return float(round(rate)) if rate > 10 else float(rate)
 
 
@@ -283,7 +284,7 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
 
 
 def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool = False) -> States:
-    """States of `recording` at `rate` [Hz] or a whole fraction of it.
+    """States of `recording` at `rate` [Hz] or a whole fraction of it; a faster one is filtered before it is thinned.
 
     Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
     a careful logger). Otherwise positions are low-passed where their motion ends, at twice the band at most, and
@@ -296,6 +297,9 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     DataError
         The run is too short for the band.
     """
+    before = _states_before(recording, band, rate, standstill)
+    thinned = max(1, round(recording.rate / rate))
+    kept, rate = rate, rate * thinned
     grid = uniform_grid(recording.t, rate)
     if len(grid) / rate < 4 / band.cutoff:
         raise band.too_little(
@@ -312,7 +316,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     motor = link if q_motor is None else side_of(recording, "q_motor", grid, band, rate, shown.q_motor)
     notes = (*link.notes, *(() if motor is link else motor.notes))
     tau = linear(recording.t, recording.tau, grid)
-    step = 1 if link.exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
+    step = thinned if link.exact else thinned * max(1, int(kept / (WORK_RATE * band.cutoff)))
     if step > 1:
         tau = band.apply(tau, rate, 0.4 * rate / step)
     reference: list[FloatArray] | None = None
@@ -343,7 +347,8 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         notes=notes,
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
         temperature=temperature,
-        before=_states_before(recording, band, rate, standstill),
+        before=before,
+        recorded_rate=min(recording.rate, rate),
     )
 
 
