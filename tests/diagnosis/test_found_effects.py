@@ -202,7 +202,7 @@ def test_what_is_no_curve_is_not_drawn():
 @pytest.mark.parametrize(
     ("signal", "quantity", "labels"),
     [
-        ("tau_link_elbow", "friction_torque", ("load [N·m]", "friction [N·m]")),
+        ("tau_link_elbow", "friction_torque", ("load [N·m]", "friction torque [N·m]")),
         ("dq_elbow", "torque", ("speed [N·m]", "torque [N·m]")),
         ("way_elbow", None, ("way since the motion turned round [N·m]", "torque [N·m]")),
     ],
@@ -221,6 +221,13 @@ def test_a_curve_has_its_quantities_and_units(signal, quantity, labels):
     assert dots.get_label() == "left without this effect"
     only_a_curve = effect(plot=plot | {"x": [], "partial": []}).plot()  # as ripple has it
     assert only_a_curve.lines[1].get_label() == "stribeck"
+
+
+def test_a_deflection_is_drawn_as_one():
+    x = np.linspace(-1, 1, 50).tolist()
+    plot = {"signal": "tau_link_elbow", "unit": "N*m", "joint": "elbow", "x": x, "partial": x, "curve_x": x, "curve": x}
+    panel = effect(plot=plot | {"quantity": "deflection", "value_unit": "rad"}).plot()
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("load [N·m]", "motor minus link angle [rad]")
 
 
 def test_a_robot_and_its_runs_are_enough():

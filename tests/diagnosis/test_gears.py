@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import dynid_rs as dyn
 from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.gear_model import Flat, Gear, GearHypothesis
-from dynid_rs.diagnosis.gears import _passes, centred, gear_entries
+from dynid_rs.diagnosis.gears import _passes, centred, gear_entries, seen_between
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.waves import of_signal
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -185,6 +185,38 @@ def test_the_declared_model_of_two_encoders_holds_no_learned_term(elastic):
     assert learned.model_.residual is not None
     assert found.before.model_.residual is None
     assert found.after.model_.residual is None
+
+
+def test_in_ampere_a_gear_yields_by_what_its_own_channel_shows():
+    """A spring of the elbow, whose drive makes a quarter of the shoulder's torque of an ampere."""
+    arm = with_effects(rigid(), "joint_elasticity:elbow:0.6")
+    gains = np.array([10.0, 2.5, 10.0])
+    runs = [replace(run, tau=run.tau / gains, torque_unit="A") for run in both_encoders(arm)]
+    fit = Setup(ROBOT).identifier(residual=None).fit(runs)
+    (spring,) = [seen for seen in seen_between(fit) if seen.what.kind == "joint_elasticity"]
+    (stiffness,) = [value.value[0] for effect in arm.effects for value in effect.values if value.name == "stiffness"]
+    assert spring.joint == ELBOW
+    assert spring.value[0] == pytest.approx(gains[ELBOW] / stiffness, rel=2 * STIFF)
+    assert spring.what.units[0] == "rad/(A)"
+    assert (spring.drawn["unit"], spring.drawn["value_unit"]) == ("A", "rad")
+
+
+def test_what_is_not_known_of_a_load_is_in_its_unit():
+    """Drawn from what the fit knows: the spread of the load is what stands beside its gear, in ampere too."""
+    runs = [replace(run, tau=run.tau / np.array([10.0, 2.5, 10.0]), torque_unit="A") for run in both_encoders(rigid())]
+    fit = Setup(ROBOT).identifier(residual=None).fit(runs)
+    posterior, observations = fit.links_.posterior_, fit.observations_
+    model = posterior.model(observations.plan, observations.joint_rows())
+    covariance = model.fit(posterior.choice, posterior.noise_std).covariance
+    gear, known = Gear(fit, ELBOW, [np.zeros((len(states.t), 1)) for states in fit.runs_]), fit.links_.phi_base_
+    values, vectors = np.linalg.eigh(covariance[: len(known), : len(known)])
+    root, rng = vectors * np.sqrt(np.maximum(values, 0.0)), np.random.default_rng(0)
+    before, drawn = np.concatenate(gear.rows(gear.load)), []
+    for _ in range(40):
+        fit.links_.phi_base_ = known + root @ rng.normal(size=len(known))
+        drawn.append(np.concatenate(gear.rows(gear.load)) - before)
+    spread = np.sqrt(np.mean(np.sum(gear._unknown_load(covariance) ** 2, axis=1)))
+    assert spread == pytest.approx(np.sqrt(np.mean(np.square(drawn))), rel=0.25)
 
 
 def test_no_gear_yields_against_its_load():

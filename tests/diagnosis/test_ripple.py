@@ -22,6 +22,7 @@ from dynid_rs.diagnosis.ripple import (
 )
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.placed import HeldEffect, PlacedEffect
 
 ARM = rigid()
 
@@ -116,6 +117,47 @@ def test_a_joint_that_rests_in_a_run_serves_with_the_others(clean):
     fit = setup.identifier(residual=None).fit(runs)
     (family,) = find_ripple(setup, fit, [replace(runs[0], q=resting), *runs[1:]])
     assert family.joint == 1
+
+
+def test_a_line_of_a_joint_that_is_late_by_itself_has_its_size(clean):
+    """At the wrong angle a fast line is a smaller one."""
+    late, size = 0.008, 0.5 * ARM.noise_std[1]
+    shown = []
+    for run in with_line(clean, 1, 100.0, size):
+        tau = run.tau.copy()
+        tau[:, 1] = np.interp(run.t - late, run.t, tau[:, 1])
+        shown.append(replace(run, tau=tau))
+    sizes = []
+    for setup, runs in (
+        (Setup(ROBOT), with_line(clean, 1, 100.0, size)),
+        (Setup(ROBOT, own_delay=np.array([0.0, late, 0.0])), shown),
+    ):
+        (line,) = find_ripple(setup, setup.identifier(residual=None).fit(runs), runs)
+        sizes.append(float(np.linalg.norm(line.coefficients)))
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.03)
+
+
+def test_what_acts_from_outside_hides_no_line(clean):
+    """Four seconds of one run in which anything may act, and which are excluded."""
+    runs = with_line(clean, 1, 100.0, 0.5 * ARM.noise_std[1])
+    t = runs[0].t - runs[0].t[0]
+    disturbed, tau = (t > 4) & (t < 8), runs[0].tau.copy()
+    tau[disturbed, 1] += 60 * ARM.noise_std[1] * np.random.default_rng(0).normal(size=disturbed.sum())
+    window = (float(runs[0].t[0]) + 3.9, float(runs[0].t[0]) + 8.1)
+    setup = Setup(ROBOT, excluded={runs[0].name: (window,)})
+    runs = [replace(runs[0], tau=tau), *runs[1:]]
+    (line,) = find_ripple(setup, setup.identifier(residual=None).fit(runs), runs)
+    assert (line.joint, round(float(line.orders[0]))) == (1, 100)
+
+
+def test_a_line_that_is_held_is_not_found_again(clean):
+    size, phase = 0.5 * ARM.noise_std[1], 0.7
+    runs = with_line(clean, 1, 100.0, size, phase)
+    line = PlacedEffect.at("torque_ripple", 1, cycles=100.0)
+    held = HeldEffect(line, (size * np.cos(phase), size * np.sin(phase), 0.0, 0.0))
+    assert len(families(runs)[1]) == 1
+    setup = Setup(ROBOT, held=(held,))
+    assert find_ripple(setup, setup.identifier(residual=None).fit(runs), runs) == []
 
 
 def test_a_vibration_in_time_is_no_line_in_angle(clean):

@@ -25,9 +25,11 @@ from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
-from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.setup import Setup, believed
+from dynid_rs.diagnosis.standing import sized, standing
 from dynid_rs.diagnosis.structural import structural_hypotheses, undone, value_of, with_value
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structural.torque_delay import later
@@ -311,3 +313,45 @@ def test_what_all_channels_have_and_what_one_has_beyond_it_are_two_changes():
     assert_allclose(later((1,), edge, np.array([1.0])).delays.max(), 0.5)
     assert_allclose(later((1,), setup, np.array([-0.01])).delays, [0.004] * 3)  # what lags is its encoder
     assert_allclose(later((0, 1, 2), setup, np.array([-1.0])).delays, [-0.016, -0.014, -0.016])
+
+
+def test_which_inertials_a_tilt_brings_out_does_not_hang_on_the_order_of_the_runs():
+    """Of one run in which the wrist alone moves, and one in which all joints do."""
+    whole, other = measured(n_runs=2, duration=10.0)
+    still = whole.q.copy()
+    still[:, :2] = 0.3
+    part = replace(whole, q=still, name="wrist")
+    widths = []
+    for runs in ([part, other], [other, part]):
+        fit = Setup(ROBOT).identifier(residual=None).fit(runs)
+        (tilt,) = structural_hypotheses(fit, Setup(ROBOT), ["gravity_tilt"])
+        widths.append(tilt.names)
+    assert widths[0] == widths[1]
+
+
+def test_a_declared_delay_that_is_none_is_taken_back():
+    """What is weighed is the change: 5 ms were declared of channels that are not late at all."""
+    runs = measured(n_runs=2, duration=8.0)
+    belief = Belief.in_declared(Setup(ROBOT, torque_delay=0.005), runs)
+    every, *_ = structural_hypotheses(belief.fit, belief.setup, ["torque_delay"])
+    belief.accept([Named(every, belief.beside.evidence_for(every)[0])])
+    assert belief.setup.torque_delay == pytest.approx(0.0, abs=3e-4)
+    assert standing(belief)[every.place] > SURE
+    sized(belief)
+    assert set(belief.named) == {every.place}
+
+
+def test_a_tilt_that_came_and_went_leaves_the_setup_as_it_was():
+    belief = Belief.in_declared(Setup(ROBOT), measured(n_runs=2, duration=8.0))
+    (tilt,) = structural_hypotheses(belief.fit, belief.setup, ["gravity_tilt"])
+    belief.accept([Named(tilt, 10.0)])
+    assert not belief.setup.is_like(belief.declared)
+    belief.remove(tilt.place)
+    assert belief.setup.is_like(belief.declared)
+
+
+def test_a_setup_is_that_of_its_fit():
+    belief = Belief.in_declared(Setup(ROBOT), measured("gravity_tilt", n_runs=2, duration=8.0))
+    (tilt,) = structural_hypotheses(belief.fit, belief.setup, ["gravity_tilt"])
+    belief.accept([Named(tilt, 10.0)])
+    assert np.array_equal(belief.setup.robot.gravity, belief.fit.robot.gravity)
