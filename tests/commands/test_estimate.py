@@ -9,6 +9,7 @@ import pytest
 from helpers import online_answers
 from helpers.online_answers import assert_same_answers, from_csv, table_of
 from helpers.online_answers import run as answer_of
+from helpers.result_files import validator
 from helpers.robots import chain
 from helpers.run_files import csv_text, folder_of_another_user, write
 from helpers.small_arm import (
@@ -26,6 +27,7 @@ from helpers.small_arm import (
 from helpers.tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
+from dynid_rs.base.numbers import significant
 
 N = len(JOINTS)
 estimator = online_answers.estimator
@@ -121,6 +123,18 @@ def test_a_joint_that_slides_has_a_force(tmp_path):
     assert " N (as recorded" in slides
     text = dynid("contact", tmp_path / "result", runs[0]).stdout
     assert re.search(r"by thresholds of \S+ N·m, \S+ N \(median\)", text), text
+    heading = "[N*m, N where it slides]"
+    assert heading in dynid("identify", tmp_path / "robot.urdf", *runs, "-o", tmp_path / "again").stdout
+    assert heading in dynid("compare", tmp_path / "result", tmp_path / "again", runs[2]).stdout
+    assert heading in dynid("compare", tmp_path / "result", tmp_path / "again").stdout
+    result = json.loads((tmp_path / "result" / "result.json").read_text())
+    validator().validate(result)
+    assert result["torque_units"] == ["N*m", "N"]
+    page = (tmp_path / "result" / "report.html").read_text()
+    for j, unit in enumerate(("N·m", "N")):
+        error = significant(result["rmse"]["test"]["after"][j])
+        assert f"{error}\u00a0{unit}<" in page
+        assert f"test error {error}\u00a0{unit} (" in page
 
 
 def test_errors_as_large_as_the_torque_are_said(tmp_path):

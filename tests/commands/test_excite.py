@@ -1,6 +1,7 @@
 """`dynid excite`: the limits file, what is written, what is printed, and what is refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from numpy.testing import assert_allclose
 
 from dynid_rs import DataError, RobotModel
 from dynid_rs.base.files import write_json
+from dynid_rs.commands._excite_view import _constraint
 from dynid_rs.excitation import SelfCollision, WorkspaceBox
+from dynid_rs.excitation.constraints import TorqueBound
 from dynid_rs.excitation.friction_segments import FrictionExperiment
 from dynid_rs.excitation.limits_file import read_limits
 
@@ -287,6 +290,9 @@ def test_units_and_sliding_joints(tmp_path):
     assert_allclose(limits.velocity[1], [np.radians(50), 0.05, np.radians(50)])
     assert_allclose(limits.acceleration[1], [np.radians(100), 0.1, np.radians(100)])
     assert_allclose(limits.torque[1], [50, np.inf, np.inf])
+    still = np.zeros((2, 3))
+    kept = _constraint("torque", TorqueBound(arm, limits.torque, np.zeros(3)).report((still, still, still)))
+    assert re.fullmatch(r"kept; \S+ \.\. \S+ N\*m, \S+ \.\. \S+ N, \S+ \.\. \S+ N\*m", kept), kept
 
 
 def test_workspace_and_collision(tmp_path):

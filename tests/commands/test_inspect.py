@@ -72,6 +72,39 @@ def test_good_run(good):
     assert "\x1b" not in result.stdout
 
 
+def test_a_joint_that_slides_is_told_in_its_own_units(tmp_path, good):
+    robot = robot_file(tmp_path)
+    robot.write_text(robot.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'))
+    printed = run(good, "--robot", robot)
+    assert "torque in N*m, N where it slides" in printed.stdout
+    rows = [line.split() for line in printed.stdout.splitlines()]
+    assert ["elbow", "m,", "N"] in [row[:3] for row in rows]
+    assert ["wrist", "rad,", "N*m"] in [row[:3] for row in rows]
+    assert "rad/s" not in printed.stdout
+    answer = json.loads(run(good, "--robot", robot, "--json").stdout)
+    assert [joint["kind"] for joint in answer["runs"][0]["joints"]] == ["revolute", "prismatic", "revolute"]
+    assert "rad/s" in run(good).stdout
+
+
+def test_a_run_without_torque_is_read_and_says_so(tmp_path):
+    columns = {name: x for name, x in valid_columns(n_samples=1000).items() if not name.startswith("tau")}
+    path = write_csv(tmp_path / "motion.csv", columns)
+    printed = run(path)
+    assert printed.exit_code == 1
+    assert printed.stderr == ""
+    assert "3 joints, one encoder per joint, no torque" in printed.stdout
+    assert "not readable" not in printed.stdout
+    told = json.loads(run(path, "--json", "--robot", robot_file(tmp_path)).stdout)["runs"][0]
+    assert told["torque_unit"] is None
+    assert told["joints"][0]["tau"] is None
+    lacking, *others = told["findings"]
+    assert (lacking["code"], lacking["severity"], lacking["column"]) == ("missing_column", "error", "tau_0")
+    assert "takes the run for its motion all the same" in lacking["message"]
+    assert not [one for one in others if (one.get("column") or "").startswith("tau")]
+    (tmp_path / "dynid.toml").write_text('[columns]\ntau = "torque_{i}"\n')
+    assert f"there is {tmp_path / 'dynid.toml'}: give it with --config" in " ".join(run(path).stdout.split())
+
+
 def test_run_with_an_error_ends_in_one(bad):
     result = run(bad)
     assert result.exit_code == 1

@@ -204,7 +204,7 @@ def test_moments_that_may_be_zero_are_said_to_be_open_beside_the_load_data():
         "rmse": {"before": [], "after": []},
     }
     late = [Finding("encoder_delay", "info", "comes late", "run_0", f"q_motor_{j}") for j in range(3)]
-    lines = _lines(answer, late)
+    lines = _lines(answer, late, "N*m")
     assert [line for line in lines if line.startswith("note: these runs do not determine Ixx, Izz,")]
     assert lines[-1] == "info: comes late (also q_motor_1, q_motor_2)"
 
@@ -213,6 +213,21 @@ def test_no_moment_is_less_than_nothing():
     told = quantities(Load(1.0, np.zeros(3), np.ones(6), np.array([[-2.0, 3.0]] * 10), 0.0, np.zeros(3), np.zeros(3)))
     lows = {entry["name"]: entry["interval"][0] for entry in told}
     assert [lows[name] for name in ("Ixx", "Iyy", "Izz", "Ixy")] == [0.0, 0.0, 0.0, -2.0]
+    tiny = Load(-0.1, np.zeros(3), np.full(6, -2e-7), np.array([[-2.0, 3.0]] * 10), 0.9, np.zeros(3), np.zeros(3))
+    assert all(entry["interval"][0] <= entry["value"] <= entry["interval"][1] for entry in quantities(tiny))
+
+
+@pytest.mark.parametrize(
+    ("interval", "words"),
+    [
+        ([-0.485, 0.311], "nothing that the noise would not look like; what it carries weighs less than 0.311 kg"),
+        ([-0.485, -0.1], "less than the model's arm does"),
+        (None, "nothing that the noise would not look like"),
+    ],
+)
+def test_less_than_the_models_arm_is_said_where_the_whole_interval_says_so(interval, words):
+    answer = {"seen": False, "load": [{"name": "mass", "value": -0.2, "interval": interval, "unit": "kg"}]}
+    assert _lines(answer, [], "N*m") == [f"no load is seen: the arm carries {words}"]
 
 
 def test_what_cannot_be_weighed_is_refused_in_a_sentence(place, tmp_path):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
@@ -23,6 +25,22 @@ def plain_unit(unit: str) -> str:
 def angle_units(kinds: tuple[str, ...] | list[str]) -> list[str]:
     """Unit of each joint's position: rad where it turns, m where it slides."""
     return ["m" if kind == "prismatic" else "rad" for kind in kinds]
+
+
+def torque_of(torque_unit: str, kind: str) -> str:
+    """Unit of a joint's torque channel: a force where it slides."""
+    return "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
+
+
+def torques_told(result: Mapping[str, Any]) -> list[str]:
+    """Unit of each joint's torque as `result.json` holds it; earlier versions wrote one for all."""
+    return list(result.get("torque_units") or [result["torque_unit"]] * len(result["joints"]))
+
+
+def torques_said(units: Sequence[str]) -> str:
+    """Units of all joints' torques in one heading: ``N*m``, or ``N*m, N where it slides``."""
+    turning = [unit for unit in units if unit != "N"]
+    return "N" if not turning else turning[0] + ", N where it slides" * ("N" in units)
 
 
 def labelled(quantity: str, unit: str) -> str:

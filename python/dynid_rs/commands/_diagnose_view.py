@@ -10,6 +10,7 @@ from rich.text import Text
 
 from dynid_rs.base.numbers import change, interval, percent_interval, significant
 from dynid_rs.base.quoting import shown
+from dynid_rs.base.units import torques_said, torques_told
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console
 from dynid_rs.commands._identify_view import with_file
@@ -41,7 +42,7 @@ def show(result: dict[str, Any], directory: Path) -> None:
 def _errors(result: dict[str, Any]) -> Table:
     test = result["rmse"]["test"]
     title = (
-        f"RMSE on test runs [{result['torque_unit']}]\n"
+        f"RMSE on test runs [{torques_said(torques_told(result))}]\n"
         "WLS: weighted least squares, before: links and smooth friction, after: with what was found"
     )
     table = Table(title=Text(title), title_justify="left")

@@ -68,8 +68,8 @@ def _extremes(result: dict[str, Any]) -> Table:
 def _constraint(name: str, report: dict[str, Any]) -> str:
     kept = "kept" if report["kept"] else "violated"
     if name == "torque":
-        pairs = zip(report["least"], report["greatest"], strict=True)
-        return f"{kept}; " + ", ".join(f"{low:.3g} .. {high:.3g}" for low, high in pairs) + " N m"
+        spans = zip(report["least"], report["greatest"], report["units"], strict=True)
+        return f"{kept}; " + ", ".join(f"{low:.3g} .. {high:.3g} {unit}" for low, high, unit in spans)
     nearest = report["nearest"]
     who = nearest if isinstance(nearest, str) else " and ".join(nearest)
     return f"{kept}; least distance {report['least_distance_m']:.3g} m ({who})"

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from dynid_rs.base.numbers import interval, percent, significant
 from dynid_rs.base.quoting import shown
+from dynid_rs.base.units import torques_said, torques_told
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console
 from dynid_rs.report import REPORT_FILE
@@ -18,7 +19,7 @@ from dynid_rs.report import REPORT_FILE
 def show(result: dict[str, Any], directory: Path) -> None:
     """Print errors per joint, the verdict, warnings, and where the report is."""
     out = console()
-    unit = result["torque_unit"]
+    unit = torques_said(torques_told(result))
     test = result["rmse"]["test"]
     title = f"RMSE on test runs [{unit}] (and of the torque's standard deviation)"
     table = Table(title=Text(title), title_justify="left")

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.quoting import shown, shown_names
+from dynid_rs.base.units import angle_units, torque_of, torques_said
 from dynid_rs.commands._console import console
 from dynid_rs.commands._inspection import Inspection, joint_velocity
 from dynid_rs.runs.checks import relative_jitter
@@ -44,12 +45,13 @@ def show(inspections: Sequence[Inspection], of_robot: Sequence[Finding] = ()) ->
 def _show_run(out: Console, run: Run) -> None:
     rec, columns = run.recording, run.columns
     n_gaps = len(gaps(rec))
+    torque = torques_said([torque_of(rec.torque_unit, kind) for kind in rec.kinds])
     encoders = "motor and link encoders" if rec.has_motor_encoder else "one encoder per joint"
     out.print(Text(shown(rec.name, 100)), style="bold", soft_wrap=True)
     lines = [
         f"{run.kind}, {rec.n_samples} rows, {rec.duration:.4g} s at {rec.rate:.4g} Hz, jitter "
         f"{100 * relative_jitter(rec):.0f} %, {n_gaps or 'no'} gap{'' if n_gaps == 1 else 's'}",
-        f"{rec.n_joints} joints, {encoders}, torque in {rec.torque_unit}",
+        f"{rec.n_joints} joints, {encoders}, {f'torque in {torque}' if run.has_torque else 'no torque'}",
         "read: " + ", ".join([shown(columns.time), *(_span(names) for names in columns.signals.values())]),
     ]
     if columns.ignored:
@@ -86,28 +88,31 @@ def _joints(run: Run) -> Table:
     rec = run.recording
     table = Table(box=SIMPLE_HEAD, collapse_padding=True)
     table.add_column("joint", overflow="fold")  # on narrow terminals names break, numbers never
-    unit = rec.torque_unit
-    titles = {
-        "q min": "rad",
-        "q max": "rad",
-        "speed": "rad/s",
-        "tau min": unit,
-        "tau max": unit,
-        "tau std": unit,
-    }
-    if rec.has_motor_encoder:
-        titles["motor - link"] = "rad"
+    angles, torques = angle_units(rec.kinds), [torque_of(rec.torque_unit, kind) for kind in rec.kinds]
+    alike = len(set(rec.kinds)) == 1
+    angle, torque = (angles[0], torques[0]) if alike else ("", "")
+    if not alike:
+        table.add_column("unit", no_wrap=True)
+    titles = {"q min": angle, "q max": angle, "speed": f"{angle}/s"}
     table.add_column("motion\nq over t", no_wrap=True)
-    table.add_column(f"torque\n{unit} over t", no_wrap=True)
+    if run.has_torque:
+        table.add_column(f"torque\n{torque} over t".replace("\n ", "\n"), no_wrap=True)
+        titles |= {"tau min": torque, "tau max": torque, "tau std": torque}
+    if rec.has_motor_encoder:
+        titles["motor - link"] = angle
     for title, of in titles.items():
         table.add_column(f"{title}\n{of}", justify="right", no_wrap=True)
     for joint, name in enumerate(rec.joints):
         q, tau = rec.q[:, joint], rec.tau[:, joint]
         dq = joint_velocity(rec, joint)
-        cells = [q.min(), q.max(), np.percentile(np.abs(dq), 99), tau.min(), tau.max(), tau.std()]
+        cells = [q.min(), q.max(), np.percentile(np.abs(dq), 99)]
+        if run.has_torque:
+            cells += [tau.min(), tau.max(), tau.std()]
         if rec.q_motor is not None:
             cells.append(np.max(np.abs(rec.q_motor[:, joint] - q)))
-        table.add_row(Text(shown(name)), drawn(q), drawn(tau), *(f"{cell:.4g}" for cell in cells))
+        units = [] if alike else [f"{angles[joint]}, {torques[joint]}" if run.has_torque else angles[joint]]
+        plots = [drawn(q), drawn(tau)] if run.has_torque else [drawn(q)]
+        table.add_row(Text(shown(name)), *units, *plots, *(f"{cell:.4g}" for cell in cells))
     return table
 
 

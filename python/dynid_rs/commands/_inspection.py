@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
 from dynid_rs.runs.checks import check_recording, is_damage, refused_sources, relative_jitter, severity_order
@@ -28,19 +29,38 @@ class Inspection:
     error: Exception | None = None
 
 
-def inspect_run(path: Path, robot: Any | None, config: Config, name: str) -> list[Inspection]:
-    """Read and check one file, which messages call `name`, part by part; what it did wrong is kept, not raised."""
+def inspect_run(
+    path: Path, robot: Any | None, rules: Config, name: str, config: Path | None = None
+) -> list[Inspection]:
+    """Read and check one file, which messages call `name`, part by part; what it did wrong is kept, not raised.
+
+    `config`: where `rules` stand, if anywhere.
+    """
     try:
-        run = read_run(path, robot, config, name=name)
+        run, lacking = _read(path, robot, rules, name, config)
         checked = [(part, check_recording(part, robot)) for part in run.parts]
     except (ValueError, OSError) as error:
         return [Inspection(path, error=error)]
-    said = run.findings(run.parts[0].name)
+    said = [*lacking, *run.findings(run.parts[0].name)]
     inspections = []
-    for k, (part, findings) in enumerate(checked):
+    for k, (part, found) in enumerate(checked):
+        findings = found if run.has_torque else [one for one in found if not (one.column or "").startswith("tau")]
         own = sorted((*findings, *(said if k == 0 else ())), key=severity_order)
         inspections.append(Inspection(path, replace(run, parts=(part,)), tuple(own)))
     return inspections
+
+
+def _read(path: Path, robot: Any | None, rules: Config, name: str, config: Path | None) -> tuple[Run, list[Finding]]:
+    """One file, and what it lacks: a run without torque is read for its motion."""
+    try:
+        return read_run(path, robot, rules, name=name), []
+    except DataError as error:
+        if error.code != "missing_column":
+            raise
+        run = read_run(path, robot, rules, name=name, require_torque=False)
+        lacking = f"{str(error).removeprefix(f'{name}: ')}{hint(path, error, config)}"
+        text = f"{lacking}; `dynid estimate` takes the run for its motion all the same"
+        return run, [Finding(error.code, "error", text, run.parts[0].name, "tau_0")]
 
 
 def compared(inspections: Sequence[Inspection], robot: Any | None) -> list[Inspection]:
@@ -92,7 +112,7 @@ def to_json(inspection: Inspection) -> dict[str, object]:
     if inspection.run is None:
         error = inspection.error or ValueError("not read")
         return {"path": str(inspection.path), "error": error_object(error)}
-    rec, columns = inspection.run.recording, inspection.run.columns
+    rec, columns, has_torque = inspection.run.recording, inspection.run.columns, inspection.run.has_torque
     return {
         "path": str(inspection.path),
         "kind": inspection.run.kind,
@@ -101,27 +121,28 @@ def to_json(inspection: Inspection) -> dict[str, object]:
         "rate_hz": rec.rate,
         "jitter": relative_jitter(rec),
         "n_gaps": len(gaps(rec)),
-        "torque_unit": rec.torque_unit,
+        "torque_unit": rec.torque_unit if has_torque else None,
         "encoders": 2 if rec.has_motor_encoder else 1,
         "columns": {
             "t": columns.time,
             **{signal: list(names) for signal, names in columns.signals.items()},
             "ignored": list(columns.ignored),
         },
-        "joints": [_joint(rec, joint) for joint in range(rec.n_joints)],
+        "joints": [_joint(rec, joint, has_torque=has_torque) for joint in range(rec.n_joints)],
         "findings": [finding.to_json() for finding in inspection.findings],
     }
 
 
-def _joint(rec: Recording, joint: int) -> dict[str, object]:
+def _joint(rec: Recording, joint: int, *, has_torque: bool) -> dict[str, object]:
     velocity = joint_velocity(rec, joint)
     tau = rec.tau[:, joint]
     return {
         "name": rec.joints[joint],
+        "kind": rec.kinds[joint],
         "q": [float(rec.q[:, joint].min()), float(rec.q[:, joint].max())],
         "speed_p99": float(np.percentile(np.abs(velocity), 99)),
-        "tau": [float(tau.min()), float(tau.max())],
-        "tau_std": float(tau.std()),
+        "tau": [float(tau.min()), float(tau.max())] if has_torque else None,
+        "tau_std": float(tau.std()) if has_torque else None,
     }
 
 
@@ -133,8 +154,8 @@ def joint_velocity(rec: Recording, joint: int) -> NDArray[np.float64]:
         return np.asarray(np.gradient(rec.q[:, joint], rec.t))
 
 
-def hint(inspection: Inspection, config: Path | None) -> str:
+def hint(path: Path, error: Exception, config: Path | None) -> str:
     """Point at a config that lies beside the run and was not given."""
-    beside = inspection.path.parent / "dynid.toml"
-    missing = getattr(inspection.error, "code", "") == "missing_column"
+    beside = path.parent / "dynid.toml"
+    missing = getattr(error, "code", "") == "missing_column"
     return f" (there is {beside}: give it with --config)" if config is None and missing and beside.is_file() else ""

@@ -33,6 +33,7 @@ def compare(
     """
     from dynid_rs.commands._inputs import check_cutoff, load_model, read_runs, read_settings
     from dynid_rs.identification.two_models import check_alike, compare_models
+    from dynid_rs.model.units import torque_units
 
     one, two = load_model(a), load_model(b)
     check_alike(one, two)
@@ -54,6 +55,7 @@ def compare(
         "b": str(b),
         "joints": list(one.robot.joint_names),
         "torque_unit": one.torque_unit,
+        "torque_units": torque_units(one),
         **{"rmse": errors},
         "terms": {
             "both": [name for name in one.term_names if name in terms[1]],
@@ -111,11 +113,12 @@ def _show(answer: dict[str, Any]) -> None:
 
     from dynid_rs.base.numbers import change, interval, percent_interval, significant
     from dynid_rs.base.quoting import shown
+    from dynid_rs.base.units import torques_said
     from dynid_rs.commands._console import console
 
     rmse, out = answer["rmse"], console()
     band = "" if rmse["cutoff"] is None else f", in motion, below {rmse['cutoff']:.3g} Hz"
-    title = f"RMSE on {', '.join(map(shown, rmse['runs']))} [{answer['torque_unit']}]{band}"
+    title = f"RMSE on {', '.join(map(shown, rmse['runs']))} [{torques_said(answer['torque_units'])}]{band}"
     table = Table(title=Text(title), title_justify="left")
     table.add_column("joint")
     for heading in ("A", "95 % interval", "B", "95 % interval", "change", "95 % interval"):

@@ -43,7 +43,9 @@ def inspect(
     model = None if robot is None else read_robot(robot, base, tip, gravity, rules, xacro=xacro)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
     named = zip(runs, run_names(runs), strict=True)
-    inspections = compared([one for path, name in named for one in inspect_run(path, model, rules, name)], model)
+    inspections = compared(
+        [one for path, name in named for one in inspect_run(path, model, rules, name, config)], model
+    )
     code = exit_code(inspections)
     if json_output:
         print_json(
@@ -62,5 +64,5 @@ def inspect(
         show(inspections, of_robot)
     for inspection in inspections:
         if inspection.error is not None:
-            sys.stderr.write(f"error: {sentence(inspection.error)}{hint(inspection, config)}\n")
+            sys.stderr.write(f"error: {sentence(inspection.error)}{hint(inspection.path, inspection.error, config)}\n")
     return code

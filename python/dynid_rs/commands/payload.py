@@ -66,7 +66,10 @@ def payload(
     if json_output:
         print_json(answer)
     else:
-        for line in _lines(answer, findings):
+        from dynid_rs.base.units import torques_said
+        from dynid_rs.model.units import torque_units
+
+        for line in _lines(answer, findings, torques_said(torque_units(reference))):
             typer.echo(line)
     wrong = any(finding.severity == "error" for finding in findings)
     return 0 if answer["seen"] and not wrong else EXIT_NO
@@ -130,14 +133,16 @@ def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) 
     }
 
 
-def _lines(answer: dict[str, Any], findings: Sequence[Finding]) -> list[str]:
+def _lines(answer: dict[str, Any], findings: Sequence[Finding], unit: str) -> list[str]:
     from dynid_rs.reference.load_data import MOMENTS
 
     mass, said = answer["load"][0], [f"{finding.severity}: {text}" for finding, text in told_once(findings)]
     if not answer["seen"]:
-        why = "less than the model's arm does" if mass["value"] < 0 else "nothing that the noise would not look like"
-        most = "" if mass["interval"] is None else f"; what it carries weighs less than {mass['interval'][1]:.3g} kg"
-        return [f"no load is seen: the arm carries {why}{most if mass['value'] >= 0 else ''}", *said]
+        most = None if mass["interval"] is None else mass["interval"][1]
+        if most is not None and most < 0:
+            return ["no load is seen: the arm carries less than the model's arm does", *said]
+        weighs = "" if most is None else f"; what it carries weighs less than {most:.3g} kg"
+        return [f"no load is seen: the arm carries nothing that the noise would not look like{weighs}", *said]
     lines = [f"load in the frame of {answer['frame']}, inertia about its centre (95 % interval)"]
     for entry in answer["load"]:
         lines.append(f"  {entry['name']:<5}{entry['value']:>10.4g}  ({_bounds(entry)}) {entry['unit']}")
@@ -149,7 +154,9 @@ def _lines(answer: dict[str, Any], findings: Sequence[Finding]) -> list[str]:
             "turns faster do"
         )
     errors = zip(answer["joints"], answer["rmse"]["before"], answer["rmse"]["after"], strict=True)
-    lines.append("error [N*m] " + ", ".join(f"{joint} {before:.3g} -> {after:.3g}" for joint, before, after in errors))
+    lines.append(
+        f"error [{unit}] " + ", ".join(f"{joint} {before:.3g} -> {after:.3g}" for joint, before, after in errors)
+    )
     return lines + said
 
 

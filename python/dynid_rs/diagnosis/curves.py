@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.units import angle_units
+from dynid_rs.base.units import angle_units, torque_of
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.estimates import Estimate
 from dynid_rs.model.curves import binned
@@ -66,12 +66,14 @@ def effect_plot(
         sign = np.sign(_joined(found, "dq", j))
         used &= sign != 0
     spread = _covariance(fit, at, x, [estimate for estimate in known if estimate.joint == j])
-    over = found.setup.robot.joint_names[_drawn_over(effect)]
+    over, robot, torque_unit = _drawn_over(effect), found.setup.robot, found.fit.torque_unit_
+    unit = unit.replace("rad", angle_units(robot.joint_kinds)[over])
     return {
-        "signal": signal if signal in ("t", "column") else f"{signal}_{over}",
+        "signal": signal if signal in ("t", "column") else f"{signal}_{robot.joint_names[over]}",
         "quantity": "friction_torque" if effect.kind in ALONG_THE_MOTION else "torque",
-        "unit": unit.replace("{torque}", found.fit.torque_unit_),
-        "joint": found.setup.robot.joint_names[j],
+        "unit": unit.replace("{torque}", torque_of(torque_unit, robot.joint_kinds[over])),
+        "value_unit": torque_of(torque_unit, robot.joint_kinds[j]),
+        "joint": robot.joint_names[j],
         **binned(values[used], (sign * (left + torque))[used], (sign[:, None] * columns)[used], x[at], spread),
     }
 

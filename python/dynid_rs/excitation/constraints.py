@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.units import torque_of
 from dynid_rs.excitation.bounds import STEP, smooth_peak
 from dynid_rs.excitation.limits import share
 
@@ -88,8 +89,9 @@ class TorqueBound:
         if shares.max() >= 1:
             joint = int(shares.argmax())
             holding = self._torque((start[None], 0 * start[None], 0 * start[None]))[0, joint]
+            unit = torque_of("N*m", robot.joint_kinds[joint])
             raise ValueError(
-                f"holding the start pose takes {holding:.4g} N m at joint {robot.joint_names[joint]}, beyond its "
+                f"holding the start pose takes {holding:.4g} {unit} at joint {robot.joint_names[joint]}, beyond its "
                 f"torque limits {self.limits[0, joint]:g} and {self.limits[1, joint]:g}; choose another start or wider "
                 "limits"
             )
@@ -121,6 +123,7 @@ class TorqueBound:
             "greatest": tau.max(axis=0).tolist(),
             "lower": [None if np.isnan(value) else value for value in finite[0].tolist()],
             "upper": [None if np.isnan(value) else value for value in finite[1].tolist()],
+            "units": [torque_of("N*m", kind) for kind in self.robot.joint_kinds],
             "kept": self.exact_room(motion) >= 0,
         }
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.files import atomic_path
+from dynid_rs.base.units import angle_units
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -81,7 +82,7 @@ def answer(design: FourierExcitation, robot: RobotModel) -> dict[str, Any]:
         "version": 1,
         "robot": robot.name,
         "joints": list(robot.joint_names),
-        "units": [{"revolute": "rad", "prismatic": "m"}[kind] for kind in robot.joint_kinds],
+        "units": angle_units(robot.joint_kinds),
         "criterion": design.criterion,
         "n_harmonics": design.n_harmonics,
         "duration_s": design.duration,

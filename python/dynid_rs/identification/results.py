@@ -18,7 +18,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.model.physical import PhysicalIdentifier
 from dynid_rs.model.physical_result import physical_section
-from dynid_rs.model.units import own_unit
+from dynid_rs.model.units import own_unit, torque_units
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.error_interval import rmse_interval
 from dynid_rs.regression.evaluation import (
@@ -147,6 +147,7 @@ def _summarise(
         "robot": robot.name,
         "joints": list(robot.joint_names),
         "torque_unit": identifier.torque_unit_,
+        "torque_units": torque_units(identifier.model_),
         "data": {
             "train": learned_from.names,
             "test": [run.recording.name for run in test],

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.drawing import chosen_joints, grid
-from dynid_rs.base.units import labelled
+from dynid_rs.base.units import labelled, torque_of
 from dynid_rs.base.wording import is_friction, kind_words
 from dynid_rs.model.along import states_of
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.model.units import torque_of
 from dynid_rs.runs.given import Runs, as_recordings
 
 FloatArray = NDArray[np.float64]

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.units import torques_said
 from dynid_rs.model.standing import relative, standing
+from dynid_rs.model.units import torque_units
 from dynid_rs.model.watch import Tolerated, Watch, Watched
 from dynid_rs.report.health import write_health
 from dynid_rs.report.health_source import Health, HealthRun
@@ -56,7 +58,7 @@ def health_page(
     learned = () if hasattr(watch, "inflation_") else None
     health = Health(
         robot=robot.name,
-        torque_unit=watch.model.torque_unit,
+        torque_unit=torques_said(torque_units(watch.model)),
         joints=tuple(robot.joint_names),
         runs=shown,
         standing=state.changes,

@@ -12,7 +12,7 @@ from dynid_rs import _core
 from dynid_rs.base.drawing import chosen_joints, line, panels, titled
 from dynid_rs.base.units import labelled, unit_text
 from dynid_rs.model.along import compared
-from dynid_rs.model.units import torque_of
+from dynid_rs.model.units import torque_units
 from dynid_rs.regression.evaluation import band_rmse, r2
 from dynid_rs.runs.given import Runs, as_recordings
 
@@ -27,7 +27,7 @@ def plot_residual(
     comparisons = compared(model, recordings)
     drawn = panels(len(chosen), 2, axes)
     error, explained = band_rmse(comparisons), r2(comparisons)
-    units = [torque_of(model.torque_unit, kind) for kind in robot.joint_kinds]
+    units = torque_units(model)
     for (left, right), j in zip(drawn, chosen, strict=True):
         start, clock = 0.0, len(comparisons) == 1
         for k, comparison in enumerate(comparisons):

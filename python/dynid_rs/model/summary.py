@@ -8,9 +8,9 @@ from typing import Any
 
 from dynid_rs import _core
 from dynid_rs.base.notebook import html_table, text_table
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torque_of, unit_text
 from dynid_rs.base.wording import kind_words
-from dynid_rs.model.units import own_unit, shape_unit, torque_of
+from dynid_rs.model.units import own_unit, shape_unit
 
 IDLE = "-"
 """Where a joint lacks an effect."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dynid_rs import _core
+from dynid_rs.base.units import torque_of
 
 UNITS: dict[str, str] = {c["name"]: c["unit"] for entry in _core.effect_catalogue() for c in entry["coefficients"]}
 """Of every coefficient, with places for the units of torque and angle."""
@@ -22,11 +23,6 @@ def own_unit(name: str, torque_unit: str, kind: str) -> str:
 def shape_unit(name: str, torque_unit: str, kind: str) -> str:
     """Unit of a shape parameter of a joint's effect."""
     return _filled(SHAPE_UNITS.get(name, "1"), torque_unit, kind)
-
-
-def torque_of(torque_unit: str, kind: str) -> str:
-    """Unit of a joint's torque channel: a force where it slides."""
-    return "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
 
 
 def torque_units(model: _core.TorqueModel) -> list[str]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.model.units import own_unit, torque_of
+from dynid_rs.base.units import torque_of
+from dynid_rs.model.units import own_unit
 from dynid_rs.pooling.arm import ArmEstimate
 
 FloatArray = NDArray[np.float64]

@@ -36,7 +36,7 @@ def quantities(load: Load) -> list[dict[str, Any]]:
     values = np.array([load.mass, *load.centre, *load.inertia]) * SCALES
     intervals = load.intervals * SCALES[:, None]
     moments = np.isin(QUANTITIES, MOMENTS)
-    intervals[moments] = np.maximum(intervals[moments], 0.0)
+    values[moments], intervals[moments] = np.maximum(values[moments], 0.0), np.maximum(intervals[moments], 0.0)
     return [
         {
             "name": name,

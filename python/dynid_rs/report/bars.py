@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torques_said, torques_told, unit_text
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import (
     DASH,
@@ -56,7 +56,7 @@ def models(result: Result) -> list[tuple[str, str, str]]:
 
 
 def _rows(result: Result) -> list[dict[str, Any]]:
-    test, n = result["rmse"]["test"], len(result["joints"])
+    test, n, units = result["rmse"]["test"], len(result["joints"]), torques_told(result)
     columns = {
         key: test.get(key) or [None] * n
         for key in (
@@ -72,7 +72,7 @@ def _rows(result: Result) -> list[dict[str, Any]]:
         )
     }
     return [
-        {"joint": joint, **{key: values[j] for key, values in columns.items()}}
+        {"joint": joint, "unit": units[j], **{key: values[j] for key, values in columns.items()}}
         for j, joint in enumerate(result["joints"])
     ]
 
@@ -99,7 +99,7 @@ def _scale(result: Result) -> float:
 
 def _joint(row: Result, result: Result, scale: float) -> str:
     """One joint: its name, a bar per model, and by how much the error changed."""
-    std, unit = row["torque_std"], unit_text(result["torque_unit"])
+    std, unit = row["torque_std"], unit_text(row["unit"])
     bars = "".join(
         f'<div class="bar-row"><span class="bar-name">{name}</span>'
         f'<span class="track">{_bar(row, key, style, scale)}</span>'
@@ -155,7 +155,7 @@ def _key(result: Result) -> str:
 
 
 def _table(result: Result, rows: Sequence[Result]) -> str:
-    said = f"<small>{esc(unit_text(result['torque_unit']))}</small>"
+    said = f"<small>{esc(unit_text(torques_said(torques_told(result))))}</small>"
     last = models(result)[-1][2]
     head = ["Joint", f"Torque std {said}", f"Weighted least squares {said}"]
     head += [f"Declared {said}", f"95 % interval {said}"] if with_effects(result) else []

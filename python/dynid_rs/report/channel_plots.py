@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.units import torques_told
 from dynid_rs.report.plots import shown_rows
 from dynid_rs.report.series import thin
 from dynid_rs.report.source import Signals, Source
@@ -45,7 +46,8 @@ def _drawn(source: Source, entry: Result) -> dict[str, Any]:
     if not curves:
         return dict(entry)
     j, over, slope, left = max(curves, key=lambda c: float(np.std(c[2] * c[1])) / max(float(np.std(c[3])), 1e-300))
-    return {**entry, "plot": _plot(over, slope, left, size, joints[j], source.result["torque_unit"], entry["kind"])}
+    unit = torques_told(source.result)[j]
+    return {**entry, "plot": _plot(over, slope, left, size, joints[j], unit, entry["kind"])}
 
 
 def _curve(signals: Signals, j: int, kind: str, size: float) -> tuple[Array, float, Array]:

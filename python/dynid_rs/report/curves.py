@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid_rs.base.units import torques_told
 from dynid_rs.report.axes import axis_labels, readable
 from dynid_rs.report.figures import Figures, panel, place, series
 from dynid_rs.report.tables import cell, table
@@ -25,7 +26,8 @@ def curve(figures: Figures, key: str, plot: Result | None, result: Result, name:
     """
     if not plot or not (plot["x"] or plot.get("curve_x")):
         return ""
-    plot = readable(plot, result["torque_unit"])
+    units = dict(zip(result["joints"], torques_told(result), strict=True))
+    plot = readable(plot, units.get(str(plot.get("joint")), str(result["torque_unit"])))
     x, y = axis_labels(plot, result["joints"])
     drawn = [*_points(figures, key, plot), *_line(figures, key, plot)]
     figures.add(key, [panel(x, y, drawn, height=250)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torques_said, torques_told, unit_text
 from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval, worse_than_least_squares
 from dynid_rs.report import bars, effect_cards, tables
 from dynid_rs.report.figures import Figures
@@ -94,6 +94,6 @@ def steps(result: Result) -> str:
             ]
         )
     head = ["Step", "What", "Where", *(esc(joint) for joint in result["joints"])]
-    unit = esc(unit_text(result["torque_unit"]))
+    unit = esc(unit_text(torques_said(torques_told(result))))
     shown = tables.table(head, rows, label="Steps of the search")
     return f"<p>Training error per joint after each step [{unit}].</p>{shown}" if rows else ""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dynid_rs.base.mattering import measured
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torques_told, unit_text
 from dynid_rs.base.wording import ANOTHER_FUNCTION, kinds_said, under_words
 from dynid_rs.report import curves
 from dynid_rs.report.axes import signal_words
@@ -123,10 +123,11 @@ def _gain(result: Result, member: Member) -> str:
     if measured(entry):
         before, after = entry["rmse_test_before"], entry["rmse_test_after"]
         names = result["joints"] if len(after) == len(result["joints"]) else entry["joints"]
-        unit, several = esc(unit_text(result["torque_unit"])), len(entry["joints"]) > 1
+        units, several = dict(zip(result["joints"], torques_told(result), strict=True)), len(entry["joints"]) > 1
         for joint, old, new in zip(names, before, after, strict=False):
             if joint in entry["joints"]:
                 place = f"{breakable(joint)}: " if several else "Test error: "
+                unit = esc(unit_text(units[joint]))
                 with_it = f"with it <b>{significant(new)}{NBSP}{unit}</b>, {change(new, old)}"
                 facts.append(f"{place}without it {significant(old)}, {with_it}")
     elif member.entry.get("above_band"):

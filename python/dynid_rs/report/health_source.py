@@ -48,7 +48,7 @@ class Health:
     Attributes
     ----------
     robot, torque_unit : str
-        Of the model.
+        Of the model; the unit as a heading says it.
     joints : tuple of str
         Along the chain.
     runs : sequence of HealthRun

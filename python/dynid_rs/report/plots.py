@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torques_told, unit_text
 from dynid_rs.base.wording import is_friction
 from dynid_rs.report.figures import Array, Figures, Series, label, panel, series
 from dynid_rs.report.series import autocorrelation, binned_mean, envelope, thin
@@ -113,10 +113,10 @@ def add_time_plots(figures: Figures, source: Source) -> TimePlots:
         for k, (j, name) in enumerate(keys):
             figures.array(f"{r}/{j}/{name}", short[:, k])
     colors = term_colors(terms)
-    unit = unit_text(source.result["torque_unit"])
+    units = [unit_text(unit) for unit in torques_told(source.result)]
     for j in range(len(joints)):
         shown = [term for term in terms if f"{term}_{j}" in signals.columns]
-        figures.add(f"time-{j}", _time_panels(j, shown, colors, before, unit), "time")
+        figures.add(f"time-{j}", _time_panels(j, shown, colors, before, units[j]), "time")
     return TimePlots(
         tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, before, max_points, shortened
     )
@@ -147,7 +147,7 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
     joints = result["joints"]
     picked = np.flatnonzero(shown_rows(signals))
     max_points = int(np.clip(_CLOUD_BUDGET / len(joints), *_CLOUD_POINTS))
-    unit = unit_text(result["torque_unit"])
+    units = [unit_text(unit) for unit in torques_told(result)]
     for j, joint in enumerate(joints):
         dq, residual = signals.columns[f"dq_{j}"][picked], signals.columns[f"residual_{j}"][picked]
         friction = _friction(signals, j)[picked]
@@ -167,8 +167,8 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
         figures.add(
             f"velocity-{j}",
             [
-                panel("", label("friction", unit), above, height=180),
-                panel(speed, label("residual", unit), below, height=140),
+                panel("", label("friction", units[j]), above, height=180),
+                panel(speed, label("residual", units[j]), below, height=140),
             ],
         )
     return min(max_points, picked.size), picked.size
@@ -191,7 +191,7 @@ def add_noise_plots(figures: Figures, source: Source) -> None:
     """Autocorrelation and distribution of the residual, one figure per joint."""
     signals = source.signals
     rows = shown_rows(signals)
-    unit = unit_text(source.result["torque_unit"])
+    units = [unit_text(unit) for unit in torques_told(source.result)]
     runs = [np.flatnonzero(rows & (signals.run == run)) for run in np.unique(signals.run[rows])]
     steps = [np.median(np.diff(signals.columns["t"][run])) for run in runs if run.size > 1]
     step = float(np.median(steps)) if steps else 1.0
@@ -204,7 +204,7 @@ def add_noise_plots(figures: Figures, source: Source) -> None:
         lags = figures.array("lag", np.arange(n_lags) * step)
         memory = series("line", lags, "red", "autocorrelation", y=figures.array(f"n/{j}/acf", correlation))
         panels = [panel("lag [s]", "autocorrelation", [memory], height=140, range=[-1.05, 1.05])]
-        figures.add(f"noise-{j}", panels + _distribution(figures, j, values, unit))
+        figures.add(f"noise-{j}", panels + _distribution(figures, j, values, units[j]))
 
 
 def _distribution(figures: Figures, j: int, values: Array, unit: str) -> list[dict[str, Any]]:

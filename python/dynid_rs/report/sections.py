@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torques_said, torques_told, unit_text
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
 from dynid_rs.report import bars, effect_cards, plots
 from dynid_rs.report.answer import answer
@@ -120,12 +120,14 @@ def torque(figures: Figures, source: Source) -> str:
         if shown.shortened
         else ""
     )
-    unit = unit_text(result["torque_unit"])
+    units = [unit_text(unit) for unit in torques_told(result)]
     grid = _grid(
         result,
         "time",
         lambda j: _error_words(result, j),
-        lambda j: f"measured and predicted torque and the residual [{unit}] over time [s], {_plain_error(result, j)}",
+        lambda j: (
+            f"measured and predicted torque and the residual [{units[j]}] over time [s], {_plain_error(result, j)}"
+        ),
     )
     return (
         f"<p>{name}, filtered to the band that was identified."
@@ -143,7 +145,7 @@ def _error_words(result: Result, j: int) -> str:
 def _plain_error(result: Result, j: int) -> str:
     test = result["rmse"]["test"]
     value, std = test["after"][j], test["torque_std"][j]
-    return f"test error {with_unit(significant(value), result['torque_unit'])} ({percent(ratio(value, std))})"
+    return f"test error {with_unit(significant(value), torques_told(result)[j])} ({percent(ratio(value, std))})"
 
 
 def _grid(result: Result, key: str, note: Any, said: Any, kind: str = "") -> str:
@@ -161,7 +163,7 @@ def velocity(figures: Figures, source: Source) -> str:
     result = source.result
     n_points, n_samples = plots.add_velocity_plots(figures, source)
     plots.add_noise_plots(figures, source)
-    speed = f"friction and residual [{unit_text(result['torque_unit'])}] over joint velocity"
+    speed = f"friction and residual [{unit_text(torques_said(torques_told(result)))}] over joint velocity"
     memory = "autocorrelation of the residual over lag, and its distribution"
     above, below = (
         _grid(result, key, lambda j: "", lambda j, text=text: text, "small")

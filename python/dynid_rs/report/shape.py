@@ -17,6 +17,7 @@ RESULT_SHAPE: Mapping[str, Any] = {
     "robot": str,
     "joints": [str],
     "torque_unit": str,
+    "torque_units?": ("per joint", str),
     "data": {
         "train": [str],
         "test": [str],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynid_rs.base.units import unit_text
+from dynid_rs.base.units import torques_said, torques_told, unit_text
 from dynid_rs.report.text import (
     DASH,
     PLUS_MINUS,
@@ -155,7 +155,7 @@ def findings_table(findings: Sequence[Result]) -> str:
 
 def residual_table(result: Result, residual: Result, kept: Sequence[bool]) -> str:
     """Test error without and with the third loop, per joint."""
-    unit, joints = result["torque_unit"], result["joints"]
+    unit, joints = torques_said(torques_told(result)), result["joints"]
     unknown = [None] * len(joints)
     without, used = residual.get("rmse_test_without") or unknown, residual.get("rmse_test_with") or unknown
     components = residual.get("n_components") or unknown

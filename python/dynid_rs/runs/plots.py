@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from dynid_rs.base.drawing import chosen_joints, line, panels, titled, whole
-from dynid_rs.base.units import angle_units, labelled
+from dynid_rs.base.units import angle_units, labelled, torque_of
 
 if TYPE_CHECKING:
     from dynid_rs.runs.recording import Recording
@@ -61,5 +61,5 @@ def axis_label(recording: Recording, signal: str, joint: int) -> str:
     if signal == "tau" and recording.torque_unit == "A":
         quantity = "current"
     angle = angle_units(recording.kinds)[joint]
-    torque = "N" if recording.torque_unit == "N*m" and angle == "m" else recording.torque_unit
+    torque = torque_of(recording.torque_unit, recording.kinds[joint])
     return labelled(quantity, unit.replace("{angle}", angle).replace("{torque}", torque))

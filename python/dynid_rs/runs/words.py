@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid_rs.base.notebook import html_table
 from dynid_rs.base.quoting import shown, shown_names
-from dynid_rs.base.units import angle_units, unit_text
+from dynid_rs.base.units import angle_units, torque_of, unit_text
 
 if TYPE_CHECKING:
     from dynid_rs.runs.recording import Recording
@@ -30,13 +30,13 @@ def html_of(recording: Recording) -> str:
     """Facts of the run, and the extent of position, speed and torque of every joint."""
     units = angle_units(recording.kinds)
     speed = np.gradient(recording.q, recording.t, axis=0) if recording.dq is None else recording.dq
-    torque = unit_text(recording.torque_unit)
+    torques = [unit_text(torque_of(recording.torque_unit, kind)) for kind in recording.kinds]
     rows = [
         [
             joint,
             f"{_between(recording.q[:, j])} {units[j]}",
             f"{np.abs(speed[:, j]).max():.3g} {units[j]}/s",
-            f"{_between(recording.tau[:, j])} {torque}",
+            f"{_between(recording.tau[:, j])} {torques[j]}",
         ]
         for j, joint in enumerate(recording.joints)
     ]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.base.units import torque_of
 from dynid_rs.runs.encoders import N_PARTS, EncoderDelay
 from dynid_rs.runs.recording import Recording
 from dynid_rs.sensors.contact import Contact
@@ -32,19 +33,20 @@ def contact_findings(
         rows = np.searchsorted(recording.t, [contact.start, contact.end])
         joint = contact.most
         peak = contact.peak[contact.joints.index(joint)]
-        unit = "N m" if recording.torque_unit == "N*m" else recording.torque_unit
+        unit = torque_of(recording.torque_unit, recording.kinds[joint])
+        said = unit.replace("*", " ")
         findings.append(
             Finding(
                 "contact",
                 "warning",
                 f"something from outside acts from {contact.start:.2f} to {contact.end:.2f} s on "
-                f"{joint_words(*(recording.joints[j] for j in contact.joints))} (up to {abs(peak):.3g} {unit} on "
+                f"{joint_words(*(recording.joints[j] for j in contact.joints))} (up to {abs(peak):.3g} {said} on "
                 f"{joint_words(recording.joints[joint])}); {done}",
                 contact.run,
                 f"tau_{joint}",
                 (int(rows[0]), int(rows[1])),
                 float(peak),
-                recording.torque_unit,
+                unit,
                 recording.line_of(int(rows[0])),
             )
         )
