@@ -325,6 +325,7 @@ def test_a_reference_names_the_payload(tmp_path):
     _, result = diagnosed(tmp_path, robot, *after[:2], "--test", after[2], "--reference", model / "model.json")
     validator().validate(result)
     assert [entry["kind"] for entry in result["effects"]] == ["payload"]
+    assert not (tmp_path / "out" / "open.json").exists()
     mass = result["effects"][0]["parameters"][0]
     assert mass["interval"][0] < mass["value"] < mass["interval"][1]
 

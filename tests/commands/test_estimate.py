@@ -168,9 +168,18 @@ def test_motion_without_torque(tmp_path, derivatives, suffix):
     assert "RMSE" not in result.stdout
     assert not any(name.startswith("measured") for name in table_of(out))
     assert json.loads(dynid("estimate", study().model, path, "--json").stdout)["rmse"] is None
+    for option, value in (("--test-from", 5), ("--exclude", "1:2")):
+        said = refusal(dynid("estimate", study().model, path, option, value))
+        assert said == f"{option}: {path.name} holds no torque to score; leave it out"
     whole = write(tmp_path / "whole.csv", with_derivatives(run(2)) if derivatives else run(2))
     assert dynid("estimate", study().model, whole, "-o", tmp_path / "whole.parquet").exit_code == 0
     np.testing.assert_array_equal(table_of(out)["tau_1"], table_of(tmp_path / "whole.parquet")["tau_1"])
+
+
+def test_what_leaves_nothing_to_score_is_named():
+    printed = dynid("estimate", study().model, study().runs[2], "--exclude", "0:100").stdout
+    said = "no error in the band of result.json: --exclude leaves hardly any motion of the run; leave less out"
+    assert said in printed.splitlines()
 
 
 def test_far_away_is_said(tmp_path):

@@ -239,6 +239,8 @@ def test_a_toml_that_is_there_stays(tmp_path):
     robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0))
     (tmp_path / "dynid.toml").write_text("mine")
     assert "give --force" in refusal(dynid("init", robot, path, "-o", tmp_path / "dynid.toml"))
+    said = refusal(dynid("init", robot, path, "-o", "-"))
+    assert said == "-: nothing but --json is written to standard output; name a file or a folder"
     assert (tmp_path / "dynid.toml").read_text() == "mine"
     assert dynid("init", robot, path, "-o", tmp_path / "dynid.toml", "--force").exit_code == 0
 

@@ -107,6 +107,7 @@ def test_without_healthy_runs_the_model_says_what_is_usual(arm):
         ),
         (("--tolerate", "gain=-1"), "--tolerate: expected"),
         (("--tolerate", "gain"), "--tolerate: expected"),
+        (("--tolerate", "load=1", "--tolerate", "load=2"), "--tolerate load is given twice; give it once"),
     ],
 )
 def test_wrong_options_are_refused_in_a_sentence(arm, options, words):
@@ -157,6 +158,7 @@ def test_settings_are_saved_once_and_used_again(arm, tmp_path):
     assert json.loads(settings.read_text())["tolerated"]["friction"] == 0.15
     both = watched(arm, "same", options=["--save", settings])
     assert both.stdout.splitlines()[0] == "same.parquet: nothing has changed"
+    assert both.stdout.endswith(f"settings: {settings}\n")
 
 
 def test_settings_and_what_they_say_do_not_go_together(arm, tmp_path):

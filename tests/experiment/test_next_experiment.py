@@ -450,6 +450,12 @@ def test_a_file_that_was_changed_is_refused(asked, tmp_path):
             read_open(path, ROBOT)
 
 
+def test_a_folder_without_open_questions_says_why(tmp_path):
+    """A diagnosis with --reference leaves none: it was told to be done again, and left none again."""
+    with pytest.raises(FileNotFoundError, match=r"without --reference, which leaves nothing open to ask$"):
+        read_open(tmp_path, ROBOT)
+
+
 def test_kinds_that_no_motion_tells_are_left_to_others(asked):
     for kind in NEEDS_MORE:
         other = replace(asked.candidates[0], kind=kind)

@@ -153,6 +153,10 @@ def test_what_else_is_refused():
         ThreeLoopIdentifier("robot.urdf").fit(recordings()[0])
     with pytest.raises(ValueError, match="no recording to learn from"):
         identifier().fit([])
+    for score in (fitted().model_.score, fitted().score):
+        for as_recorded in (False, True):
+            with pytest.raises(ValueError, match="no recording to compare with; give at least one"):
+                score([], as_recorded=as_recorded)
     with pytest.raises(ValueError, match="y: the measured torque is in the runs themselves"):
         fitted().score(recordings()[2], recordings()[2].tau)
     two = Recording(t=np.arange(100) / 100, q=np.zeros((100, 2)), tau=np.zeros((100, 2)), name="two")

@@ -104,6 +104,13 @@ def test_command_plays_plans_and_adds_the_reference(run_command, robot, planned,
         assert read_recording(folder / "run_0.parquet", known, None).n_joints == 6
 
 
+def test_a_plan_has_its_own_length(run_command, plan_file, tmp_path):
+    result = run_command("-o", tmp_path / "out", "--trajectory", plan_file, "--duration", 600)
+    assert result.exit_code == 2
+    assert "--trajectory and --duration contradict each other" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_runs_may_outnumber_plans(run_command, plan_file, tmp_path):
     assert run_command("-o", tmp_path / "out", "--trajectory", plan_file, "--runs", 3, "--ideal").exit_code == 0
     truth = json.loads((tmp_path / "out" / "truth.json").read_text())

@@ -140,6 +140,8 @@ def check_file(path: Path) -> None:
 
 def _try(target: Path, folder: Path) -> None:
     """Rights alone do not tell: root may do everything, a disk may be read-only or full."""
+    if str(target) == "-":
+        raise ValueError("-: nothing but --json is written to standard output; name a file or a folder")
     if "\0" in str(target):
         raise FileNotFoundError(f"{str(target)!r}: this is not a path; check its spelling")
     try:

@@ -109,13 +109,11 @@ class WatchFiles:
         if self.remember is not None:
             write_text(self.remember, watched[-1].remembered)
 
-    def lines(self, has_runs: bool) -> list[str]:
-        """Where they are; settings beside runs are no news, and what is remembered is none for people."""
+    def lines(self) -> list[str]:
+        """Where they are; what is remembered is no news for people."""
         words = {"save": "settings"}
         return [
-            f"{words.get(option, option)}: {path}"
-            for option, path in self._given().items()
-            if option not in ("save", "remember") or not has_runs
+            f"{words.get(option, option)}: {path}" for option, path in self._given().items() if option != "remember"
         ]
 
     def _given(self) -> dict[str, Path]:

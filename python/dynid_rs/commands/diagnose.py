@@ -41,7 +41,9 @@ def diagnose(
     test_from: _options.TestFrom = None,
     reference: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL", help="model.json that is trusted: tell what has changed since"),
+        typer.Option(
+            metavar="MODEL", help="model.json that is trusted: tell what has changed since, and leave nothing open"
+        ),
     ] = None,
     after: Annotated[
         Path | None,
@@ -63,9 +65,9 @@ def diagnose(
 ) -> int:
     """Find the physical effects that an arm's model lacks, add them, and report the error before and after.
 
-    DIR then holds model.json with the effects in it, result.json, residuals.parquet, report.html, and open.json, from
-    which `dynid excite --after DIR` designs the next experiment. "Nothing to add" is an answer. Ends with 1 if the data
-    has an error in it or the model is no better than weighted least squares.
+    DIR then holds model.json with the effects in it, result.json, residuals.parquet, report.html, and, without
+    --reference, open.json, from which `dynid excite --after DIR` designs the next experiment. "Nothing to add" is an
+    answer. Ends with 1 if the data has an error in it or the model is no better than weighted least squares.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._identifier import (

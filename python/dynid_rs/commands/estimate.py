@@ -69,7 +69,12 @@ def estimate(
         ),
     ] = None,
     adapt_mass: Annotated[
-        float | None, typer.Option(metavar="KG", help="What the arm may carry: the limit of --adapt payload")
+        float | None,
+        typer.Option(
+            metavar="KG",
+            help="What the arm may carry: the limit of --adapt payload (of a model in ampere in kg times what the "
+            "channel shows per N m)",
+        ),
     ] = None,
     save_adapted: Annotated[
         Path | None,
@@ -115,8 +120,10 @@ def estimate(
     found = [finding for finding in check_recording(recording, torque_model.robot) if is_damage(finding)]
     if not source.has_torque:
         found = [finding for finding in found if not (finding.column or "").startswith("tau")]
-    if adapt is not None and not source.has_torque:
-        raise ValueError(f"--adapt: {run.name} holds no torque that anything could follow; leave it out")
+    for option, given in (("--adapt", adapt), ("--exclude", exclude), ("--test-from", test_from)):
+        if given not in (None, []) and not source.has_torque:
+            purpose = "that anything could follow" if option == "--adapt" else "to score"
+            raise ValueError(f"{option}: {run.name} holds no torque {purpose}; leave it out")
     followed = _adapt_view.adapted(torque_model, recording, adapt, adapt_mass, save_adapted)
     t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
     total, terms, status = torque_model.evaluate(*signals, step=_step(t, torque_model), temperature=temperature)
@@ -226,6 +233,8 @@ def _in_band(
     try:
         return [compared_in_band(model, recording, excluded)], ""
     except ValueError as error:  # the run is good for an estimate all the same
+        if excluded and _in_band(model, recording, [], None)[0]:
+            return [], "--exclude leaves hardly any motion of the run; leave less out"
         return [], str(error)
 
 

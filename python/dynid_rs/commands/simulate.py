@@ -24,6 +24,7 @@ ALWAYS = ("joint_elasticity", "encoder_delay")
 
 ENCODER_NOISE = 1e-6
 N_RUNS = 4
+DURATION = 20.0
 
 
 def _list_effects(as_json: bool) -> None:
@@ -51,7 +52,9 @@ def simulate(
     runs: Annotated[
         int | None, typer.Option(help=f"Number of runs: {N_RUNS}, or one per --trajectory", show_default=False)
     ] = None,
-    duration: Annotated[float, typer.Option(help="Length of a random run in s")] = 20.0,
+    duration: Annotated[
+        float | None, typer.Option(help="Length of a random run in s: 20 if left out", show_default=False)
+    ] = None,
     trajectory: Annotated[
         list[Path] | None,
         typer.Option(
@@ -116,6 +119,8 @@ def simulate(
     from dynid_rs.simulation import simulate as measure
     from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
+    if trajectory and duration is not None:
+        raise ValueError("--trajectory and --duration contradict each other, a plan has its own length; leave one out")
     check_folder(directory, [TRUTH_FILE])
     if not force:
         check_unfinished(directory, TRUTH_FILE)
@@ -130,7 +135,7 @@ def simulate(
         simulation = measure(
             _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay, model)),
             n_runs=runs if runs is not None else len(plans) or N_RUNS,
-            duration=duration,
+            duration=DURATION if duration is None else duration,
             rate=rate,
             seed=seed,
             derivatives=noise == 0 if derivatives is None else derivatives,

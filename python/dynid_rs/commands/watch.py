@@ -42,7 +42,7 @@ def watch(
         typer.Option(
             metavar="KIND=X",
             help="What is not a change yet: friction=0.1 and gain=0.05 (relative), offset=2 (deviations of the error), "
-            "load=0.1 (kg), unknown=1 (growth of the error); repeat for more",
+            "load=0.1 (kg), delay=0.004 (s), slip=0.005 (rad, m), unknown=1 (growth of the error); repeat for more",
         ),
     ] = None,
     settings: Annotated[
@@ -154,7 +154,7 @@ def watch(
     if json_output:
         print_json(answer(watched, joints, findings, errors))
     else:
-        for line in [*lines(watched, joints, findings), *(() if errors else files.lines(bool(runs)))]:
+        for line in [*lines(watched, joints, findings), *(() if errors else files.lines())]:
             typer.echo(line)
     if errors:
         return refused(errors)
@@ -179,7 +179,7 @@ def _tolerated(said: Sequence[str]) -> Tolerated:
 
     from dynid_rs.model.watch import Tolerated
 
-    tolerated = Tolerated()
+    tolerated, seen = Tolerated(), set()
     for text in said:
         kind, _, number = text.partition("=")
         try:
@@ -189,5 +189,8 @@ def _tolerated(said: Sequence[str]) -> Tolerated:
         if kind not in asdict(tolerated) or not 0.0 < value < float("inf"):
             kinds = ", ".join(asdict(tolerated))
             raise ValueError(f"--tolerate: expected KIND=X, a kind of {kinds} and a number above 0, got {text[:40]!r}")
+        if kind in seen:
+            raise ValueError(f"--tolerate {kind} is given twice; give it once")
+        seen.add(kind)
         tolerated = replace(tolerated, **{kind: value})
     return tolerated

@@ -141,8 +141,8 @@ def read_open(path: Path, robot: _core.RobotModel) -> OpenQuestions:
         path = path / OPEN_FILE
         if not path.exists():
             raise FileNotFoundError(
-                f"{path}: there is no such file; name the folder of `dynid diagnose -o`, or diagnose once more: "
-                "earlier versions did not write it"
+                f"{path}: there is no such file; name the folder of `dynid diagnose -o`, or diagnose once more, "
+                "without --reference, which leaves nothing open to ask"
             )
     return _Reader(path, robot).read()
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
 from dynid_rs.base.notebook import html_table
-from dynid_rs.model.along import at_stamps, check_arm, check_unit
+from dynid_rs.model.along import at_stamps, check_arm, check_some, check_unit
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.evaluation import compare, r2, r2_as_recorded
 from dynid_rs.regression.is_fitted import check_is_fitted
@@ -91,6 +91,7 @@ class RunRegressor(Estimator, ABC):
             raise ValueError("y: the measured torque is in the runs themselves; leave y out")
         check_is_fitted(self, "model_")
         recordings = as_recordings(X, self.robot, self.config)
+        check_some(recordings)
         check_arm(self.robot, recordings)
         check_unit(self.model_.torque_unit, recordings)
         if as_recorded:

@@ -31,6 +31,7 @@ def score(
 ) -> float | FloatArray:
     """Share of the measured torque's variance that the model explains, R2: mean over the joints, or (n_joints,)."""
     recordings = as_recordings(runs, model.robot)
+    check_some(recordings)
     if as_recorded:
         measured = [recording.tau for recording in recordings]
         each = r2_as_recorded(measured, [torque_along(model, recording) for recording in recordings])
@@ -83,6 +84,12 @@ def check_arm(robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
     """Refuse recordings of an arm with another number of joints by a `DataError`."""
     for recording in recordings:
         check_joints(robot, recording.name, recording.n_joints)
+
+
+def check_some(recordings: Sequence[Recording]) -> None:
+    """Refuse to tell an error of no recording at all by a `ValueError`."""
+    if not recordings:
+        raise ValueError("no recording to compare with; give at least one")
 
 
 def check_unit(torque_unit: str, recordings: Sequence[Recording]) -> None:
