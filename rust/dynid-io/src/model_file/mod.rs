@@ -8,7 +8,7 @@ mod residual_part;
 mod schema;
 
 use std::fs;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::Path;
 
 use dynid_core::{Effect, RobotModel, TorqueModel};
@@ -65,6 +65,17 @@ pub enum ModelFileError {
 /// [`ModelFileError`], with one sentence that names the file and the mend.
 pub fn load(path: &Path) -> Result<TorqueModel, ModelFileError> {
     let name = path.display().to_string();
+    if path.is_dir() {
+        let inside = path.join("model.json");
+        let text = format!(
+            "this is a folder; name the model in it, {}",
+            inside.display()
+        );
+        return Err(ModelFileError::Io {
+            path: name,
+            source: io::Error::new(io::ErrorKind::IsADirectory, text),
+        });
+    }
     let bytes = read_at_most(path, MAX_BYTES)?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(ModelFileError::Invalid {
