@@ -22,9 +22,10 @@ from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
 from dynid_rs.runs.readers import Config, Run, open_run, read_run
 from dynid_rs.runs.readers.columns import INIT_WRITES, fill, match_columns
-from dynid_rs.runs.readers.config import ColumnRule
+from dynid_rs.runs.readers.config import UNITS, ColumnRule
 from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.guess import Guess, guess
+from dynid_rs.runs.readers.headers import by_plain_names
 from dynid_rs.runs.readers.list_cells import lists_explained
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -38,7 +39,6 @@ CURRENTS = (
     "currents without a gain: no torques, and what is learned from them is not in N m; give [drive] gain, N m per "
     "unit of the current at each joint"
 )
-DEGREE, RPM = 180.0 / np.pi, 30.0 / np.pi
 
 
 @dataclass
@@ -126,9 +126,10 @@ def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
     """Rules by the names of the first run's columns."""
     joints = tuple(robot.joint_names)
     table = open_run(path, joints, rules, name=name)
-    spoken, _ = speak(table.names, rules, table.file, table.stamps)
+    given = by_plain_names(rules, table.written)
+    spoken, _ = speak(table.names, given, table.file, table.stamps)
     try:
-        match_columns(table.names, joints, spoken, table.file)
+        match_columns(table, joints, spoken)
         return Look(rules)
     except DataError as error:
         if error.code not in ("missing_column", "too_many_joints", "ambiguous_column"):
@@ -140,11 +141,13 @@ def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
     if "tau" in columns and "current" in columns:
         columns.pop("current")
     said = {key: rule for key, rule in spoken.columns.items() if _fits(rule, joints, table.names)}
-    guessed = replace(rules, columns={**columns, **said, **rules.columns}, units=spoken.units)
+    guessed = replace(rules, columns={**columns, **said, **given.columns}, units=spoken.units)
     with lists_explained(table, joints):
         try:
-            match_columns(table.names, joints, guessed, table.file)
+            match_columns(table, joints, guessed)
         except DataError as error:
+            if error.code == "unknown_unit":
+                raise
             raise DataError(
                 f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
                 f"({page('reference/dynid_toml')})",
@@ -216,9 +219,9 @@ def _velocity(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | 
         return None
     ratio = float(np.median(ratios))
     angle = found.rules.unit("angle")
-    units = {"deg/s": DEGREE, "rpm": RPM} if angle == "rad" else {"rad/s": 1 / DEGREE, "rpm": RPM / DEGREE}
-    for unit, factor in units.items():
-        if abs(ratio / factor - 1) < ALIKE:
+    for unit in ("rad/s", "deg/s", "rpm"):
+        factor = UNITS["angle"][angle] / UNITS["velocity"][unit]
+        if unit != f"{angle}/s" and abs(ratio / factor - 1) < ALIKE:
             rules = replace(found.rules, units={**found.rules.units, "velocity": unit})
             text = (
                 f"dq is {ratio:.4g} times the derivative of q as it is read, and {unit} over {angle}/s is {factor:.4g}"

@@ -11,7 +11,15 @@ from dynid_rs.base.errors import DataError
 
 FloatArray = NDArray[np.float64]
 
-TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7}
+TIME_UNITS: Mapping[str, float] = {
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "100ns": 1e-7,
+    "min": 60.0,
+    "h": 3600.0,
+}
 """Seconds of every unit that a file's time may be in; .NET and Windows count 100 ns."""
 
 MIN_SAMPLES = 20

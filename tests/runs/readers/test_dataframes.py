@@ -97,7 +97,7 @@ def test_a_mapping_is_checked_as_a_file_is():
     frame = valid().to_dataframe()
     with pytest.raises(DataError, match=r"^config, tua: this key is not known; did you mean tau\?"):
         Recording.from_dataframe(frame, ROBOT, {"tua": "tau_{i}"})
-    with pytest.raises(DataError, match=r"^config, \[units\] angle: must be one of rad, deg, got 'degrees'"):
+    with pytest.raises(DataError, match=r"^config, \[units\] angle: must be one of rad, deg, mrad, rev, got 'degrees'"):
         Recording.from_dataframe(frame, ROBOT, {"units": {"angle": "degrees"}})
     with pytest.raises(DataError, match="column position_0 is missing, which config names for q"):
         Recording.from_dataframe(frame, ROBOT, {"q": [f"position_{j}" for j in range(3)]})

@@ -36,7 +36,15 @@ SAME = 1.05
 TOP = 98
 """Percentile of the speed that stands for its top: damaged samples are fewer."""
 
-WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "100ns": "steps of 100 ns"}
+WORDS = {
+    "s": "seconds",
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "ns": "nanoseconds",
+    "100ns": "steps of 100 ns",
+    "min": "minutes",
+    "h": "hours",
+}
 GUESSED = ("s", "ms", "us", "ns")
 """Units that a run's rate may tell from each other. 100 ns are too near to two of them: the size of stamps tells those,
 or the rate of other runs."""
@@ -106,7 +114,8 @@ def likely_unit(clock: Clock) -> str | None:
 
 def unit_beside(clock: Clock, rates: Sequence[float]) -> str | None:
     """Unit, or `ROWS`, that brings `clock` to one of the `rates` [Hz] of other runs; None if none does."""
-    units = [unit for unit in TIME_UNITS if clock.read_in(unit).is_usual]
+    # A rate tells seconds from minutes no better than two loggers from each other.
+    units = [unit for unit in dict.fromkeys((clock.unit, *GUESSED, "100ns")) if clock.read_in(unit).is_usual]
     unit = min(units, key=lambda unit: clock.read_in(unit).distance(rates), default=None)
     distance = np.inf if unit is None else clock.read_in(unit).distance(rates)
     if distance > np.log(SAME) and clock.counts_rows:

@@ -9,6 +9,9 @@ from itertools import product
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.runs.readers.config import Config
+from dynid_rs.runs.readers.measures import unknown_unit
+from dynid_rs.runs.readers.table import Table
+from dynid_rs.runs.readers.units import in_brackets, may_be_unit
 
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "t": ("t", "time", "timestamp"),
@@ -62,34 +65,42 @@ class ColumnMap:
 class FileColumns:
     """Columns and rules of one file, and the words to refuse them."""
 
-    file: str
-    names: tuple[str, ...]
+    table: Table
     config: Config
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Columns, each once."""
+        return self.table.names
 
     def fault(self, code: str, text: str, column: str | None = None) -> DataError:
         """Return the error that refuses this file."""
-        return DataError(f"{self.file}: {text}", code=code, file=self.file, column=column)
+        return DataError(f"{self.table.file}: {text}", code=code, file=self.table.file, column=column)
 
     def has(self) -> str:
-        """Say what the file has."""
-        return f"the file has {shown_names(self.names)}"
+        """Say what the file has, in its own words."""
+        return f"the file has {shown_names([self.table.written.get(name, name) for name in self.names])}"
+
+    def under_unknown_unit(self, names: Sequence[str], signal: str) -> DataError | None:
+        """Return the error for one of `names` that the file has with a unit that nobody knows; None if it has none."""
+        for own in self.names:
+            found = in_brackets(own)
+            if found is not None and found[0] in names and may_be_unit(found[1]):
+                return unknown_unit(self.table.file, own, found[1], signal)
+        return None
 
 
-def match_columns(
-    names: Sequence[str], joints: Sequence[str], config: Config, file: str, *, require_torque: bool = True
-) -> ColumnMap:
+def match_columns(table: Table, joints: Sequence[str], config: Config, *, require_torque: bool = True) -> ColumnMap:
     """Find the column of every signal and joint.
 
     Parameters
     ----------
-    names : sequence of str
-        Columns of the file, each once.
+    table : Table
+        The file.
     joints : sequence of str
         Joint names in chain order.
     config : Config
         Rules of `dynid.toml`.
-    file : str
-        Name for messages.
     require_torque : bool
         Whether a file without torque and current is refused.
 
@@ -99,7 +110,7 @@ def match_columns(
         A signal is missing, incomplete, or there twice under different names; a column is two signals; the file has
         more joints.
     """
-    source = FileColumns(file, tuple(names), config)
+    source = FileColumns(table, config)
     found = {signal: _one_signal(source, signal, joints) for signal in _PER_JOINT}
     notes = []
     if found["tau"] is not None and found["current"] is not None:
@@ -113,7 +124,7 @@ def match_columns(
     time = _time(source)
     _refuse_shared(source, time, signals)
     used = {time, *(name for columns in signals.values() for name in columns)}
-    return ColumnMap(time, signals, tuple(name for name in names if name not in used), tuple(notes))
+    return ColumnMap(time, signals, tuple(name for name in table.names if name not in used), tuple(notes))
 
 
 def fill(template: str, index: int, joint: str) -> str:
@@ -133,9 +144,10 @@ def _time(source: FileColumns) -> str:
             present[1],
         )
     if not present:
-        raise source.fault(
+        raise source.under_unknown_unit(wanted, "t") or source.fault(
             "missing_column",
-            f"the time column is missing, expected {' or '.join(map(shown, wanted))} [s]; {source.has()}; "
+            f"the time column is missing, expected {' or '.join(map(shown, wanted))}{' [s]' if rule is None else ''}; "
+            f"{source.has()}; "
             'name it in dynid.toml: [columns] t = "..."',
             "t",
         )
@@ -225,7 +237,7 @@ def _listed(source: FileColumns, signal: str, rule: tuple[str, ...], joints: Seq
         raise source.fault("bad_config", f"{source.config.source} lists a column of {signal} twice", signal)
     lacking = [name for name in rule if name not in source.names]
     if lacking:
-        raise source.fault(
+        raise source.under_unknown_unit(lacking, signal) or source.fault(
             "missing_column",
             f"column {shown(lacking[0])} is missing, which {source.config.source} names for {signal}; {source.has()}",
             lacking[0],
@@ -294,7 +306,7 @@ def missing_column(
         mend = "give the robot of this run, or add the column"
     else:
         mend = f'map it in dynid.toml, e.g. [columns] {signal} = "actual_{signal}_{{i}}"{INIT_WRITES}'
-    return source.fault(
+    return source.under_unknown_unit(names, signal) or source.fault(
         "missing_column",
         f"column {' or '.join(map(shown, names))} is missing ({signal} of joint "
         f"{shown(joint)}{also}){there}; "

@@ -44,12 +44,30 @@ ColumnRule = str | tuple[str, ...] | None
 
 SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "current", "q_reference", "temperature")
 
+_STANDARD_GRAVITY = 9.80665
+_POUND_FORCE = 0.45359237 * _STANDARD_GRAVITY
+_FOOT = 0.3048
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": TIME_UNITS,
-    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
-    "velocity": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
-    "length": {"m": 1.0, "mm": 1e-3},
-    "torque": {"N*m": 1.0, "mN*m": 1e-3, "kN*m": 1e3},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * math.pi},
+    "velocity": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180.0,
+        "rpm": math.pi / 30.0,
+        "mrad/s": 1e-3,
+        "rev/s": 2.0 * math.pi,
+    },
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "torque": {
+        "N*m": 1.0,
+        "mN*m": 1e-3,
+        "kN*m": 1e3,
+        "N*cm": 1e-2,
+        "lbf*ft": _POUND_FORCE * _FOOT,
+        "lbf*in": _POUND_FORCE * _FOOT / 12.0,
+        "kgf*m": _STANDARD_GRAVITY,
+        "kgf*cm": _STANDARD_GRAVITY * 1e-2,
+    },
     "current": {"A": 1.0, "mA": 1e-3},
 }
 """Factor to SI of every unit that a file may use. Velocity follows the angle when it is not given."""

@@ -17,7 +17,7 @@ from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.runs.readers.config import Config
 from dynid_rs.runs.readers.stamps import is_stamp, ticks
 from dynid_rs.runs.readers.table import Columns, Table, damaged, not_of_kind, refuse_duplicates, refuse_too_large
-from dynid_rs.runs.readers.units import is_row_of_units, without_unit
+from dynid_rs.runs.readers.units import is_row_of_units
 
 MOST_LINES = 50
 """A header does not stand below more rows than this."""
@@ -109,12 +109,13 @@ def _is_value(cell: Any) -> bool:
 
 def _table(file: str, sheet: str, rows: Sequence[Sequence[Any]], top: int, n_sheets: int) -> Table:
     with_units = _has_units(rows, top)
-    pairs = [without_unit(str(cell).strip()) for cell in rows[top]]
-    places = {name: k for k, (name, _) in reversed(list(enumerate(pairs))) if name}
-    refuse_duplicates([name for name, _ in pairs if name], file)
-    units = {name: unit for name, unit in pairs if unit}
+    header = [str(cell).strip() for cell in rows[top]]
+    places = {name: k for k, name in reversed(list(enumerate(header))) if name}
+    names = tuple(name for name in header if name)
+    refuse_duplicates(names, file)
+    units = {}
     if with_units:
-        units |= {name: str(rows[top + 1][k]).strip("[]() ") for name, k in places.items() if rows[top + 1][k] != ""}
+        units = {name: str(rows[top + 1][k]).strip("[]() ") for name, k in places.items() if rows[top + 1][k] != ""}
     first = top + 2 if with_units else top + 1
     body = list(rows[first:])
     while body and not any(cell != "" for cell in body[-1]):
@@ -129,7 +130,6 @@ def _table(file: str, sheet: str, rows: Sequence[Sequence[Any]], top: int, n_she
         return columns
 
     notes = (f"read from sheet {shown(sheet)} of {n_sheets}",) if n_sheets > 1 else ()
-    names = tuple(name for name, _ in pairs if name)
     line_of = _Shift(first + 1)
     return Table(file, "workbook", names, len(body), load, line_of, None, units, stamps, notes)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from dynid_rs.runs.readers.columns import ALIASES, FileColumns, fill, missing_column
 from dynid_rs.runs.readers.config import Config
+from dynid_rs.runs.readers.table import Table
 
 
-def infer_joints(names: Sequence[str], config: Config, file: str) -> tuple[str, ...]:
+def infer_joints(table: Table, config: Config) -> tuple[str, ...]:
     """Joints of a file whose robot is not known: ``q_0``, ``q_1``, ..., else names shared by q and torque.
 
     Joints without a name are called by their index: ``"0"``, ``"1"``, ...
@@ -18,7 +17,7 @@ def infer_joints(names: Sequence[str], config: Config, file: str) -> tuple[str, 
     DataError
         No joint is recognised.
     """
-    source = FileColumns(file, tuple(names), config)
+    source, names = FileColumns(table, config), table.names
     rule = config.columns.get("q")
     if isinstance(rule, tuple):
         return tuple(map(str, range(len(rule))))

@@ -20,6 +20,7 @@ from dynid_rs.runs.readers.epochs import by_size
 from dynid_rs.runs.readers.formats import open_table
 from dynid_rs.runs.readers.frame import is_frame, open_frame
 from dynid_rs.runs.readers.halves import join_stamps
+from dynid_rs.runs.readers.headers import by_plain_names, plain_names
 from dynid_rs.runs.readers.joints import infer_joints
 from dynid_rs.runs.readers.list_cells import lists_explained
 from dynid_rs.runs.readers.messages import by_joint
@@ -111,7 +112,11 @@ def open_run(
     """
     with _called(path, name):
         table = open_table(path, joints, Config() if config is None else config)
-        return join_stamps(by_joint(table if name is None else replace(table, file=name)))
+        return _arranged(table if name is None else replace(table, file=name))
+
+
+def _arranged(table: Table) -> Table:
+    return join_stamps(by_joint(plain_names(table)))
 
 
 @contextmanager
@@ -157,8 +162,8 @@ def _read(source: Source, robot: Robot, config: Rules, name: str | None, require
     opened = _open(source, robot, config, name)
     table, joints = opened.table, opened.joints
     with lists_explained(table, joints):
-        columns = match_columns(table.names, joints, opened.config, table.file, require_torque=require_torque)
-    told = adopt_units(columns, table.units, opened.config, table.file)
+        columns = match_columns(table, joints, opened.config, require_torque=require_torque)
+    told = adopt_units(columns, table, opened.config, joints)
     rules = told.config.with_gears(getattr(robot, "gear_ratio", None))
     loaded = table.load(told.columns.used())
     rules, sized = by_size(loaded[told.columns.time], told.columns.time, table, rules)
@@ -174,8 +179,8 @@ def count_parts(source: Source, robot: Robot = None, config: Rules = None) -> in
     """
     try:
         opened = _open(source, robot, config)
-        columns = match_columns(opened.table.names, opened.joints, opened.config, "", require_torque=False)
-        told = adopt_units(columns, opened.table.units, opened.config, "")
+        columns = match_columns(opened.table, opened.joints, opened.config, require_torque=False)
+        told = adopt_units(columns, opened.table, opened.config, opened.joints)
         stamps = opened.table.load([columns.time])[columns.time]
         rules, _ = by_size(stamps, columns.time, opened.table, told.config)
         parts = find_parts(seconds(stamps, opened.table, columns.time, rules))
@@ -195,12 +200,12 @@ def _open(source: Source, robot: Robot, config: Rules, name: str | None = None) 
         raise ValueError("a robot has at least one joint, got no joint names")
     _check_joints(names, rules)
     if is_frame(source):
-        table = join_stamps(by_joint(open_frame(source, name or name_of(source))))
+        table = _arranged(open_frame(source, name or name_of(source)))
     else:
         table = open_run(source, names, rules, name=name)
-    rules, notes = speak(table.names, rules, table.file, table.stamps)
+    rules, notes = speak(table.names, by_plain_names(rules, table.written), table.file, table.stamps)
     with lists_explained(table):
-        joints = infer_joints(table.names, rules, table.file) if names is None else names
+        joints = infer_joints(table, rules) if names is None else names
     kinds = tuple(robot.joint_kinds) if isinstance(robot, RobotLike) else ("revolute",) * len(joints)
     return _Opened(table, rules, joints, kinds, (*table.notes, *notes))
 

@@ -50,6 +50,8 @@ class Table:
         Reads some columns as they stand there: names -> {name: one text per row}. Raises `DataError`.
     lists : tuple of str
         Columns of a text whose first cell is a list of numbers, which no text is read with.
+    written : mapping of str to str
+        Columns whose names are others in the file, with their units in brackets: name -> as it stands there.
     """
 
     file: str
@@ -64,6 +66,7 @@ class Table:
     notes: tuple[str, ...] = ()
     texts: Callable[[Sequence[str]], Texts] | None = None
     lists: tuple[str, ...] = ()
+    written: Mapping[str, str] = field(default_factory=dict)
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:

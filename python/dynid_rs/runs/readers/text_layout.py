@@ -12,7 +12,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.stamps import is_stamp
 from dynid_rs.runs.readers.table import looks_like
 from dynid_rs.runs.readers.text_source import Text
-from dynid_rs.runs.readers.units import is_row_of_units, without_unit
+from dynid_rs.runs.readers.units import is_row_of_units
 
 MAX_LINE = 1 << 20
 """Bytes. A longer line is no row of numbers."""
@@ -38,7 +38,7 @@ class Layout:
     """Where things stand in a text.
 
     `delimiter`: one character, or None for any number of spaces and tabs; `decimal`: "." or ","; `header`: names by
-    place, less units in brackets; `stamps`, `integers`: columns whose first cell is a moment, or a whole number that no
+    place; `stamps`, `integers`: columns whose first cell is a moment, or a whole number that no
     float holds; `lists`: columns whose first cell is a list of numbers.
     """
 
@@ -256,14 +256,10 @@ def _described(
     encoding: str,
 ) -> Layout:
     """Units, kinds of numbers and notes of a layout whose header is known."""
-    pairs = [without_unit(name) for name in names]
-    # Two columns that only their units tell apart keep them: `q_0 [deg]` beside `q_0 [rad]`.
-    bare = [pair[0] for pair in pairs]
-    header = tuple(short if bare.count(short) == 1 else name for (short, _), name in zip(pairs, names, strict=True))
-    told = {short: unit for short, (_, unit) in zip(header, pairs, strict=True) if unit}
+    header, told = tuple(names), {}
     if units is not None:
         below = cells_of(units.said, delimiter)
-        told |= {name: unit.strip("[]()") for name, unit in zip(header, below, strict=False) if unit.strip("[]()- ")}
+        told = {name: unit.strip("[]()") for name, unit in zip(header, below, strict=False) if unit.strip("[]()- ")}
     cells = () if row is None else cells_of(row.text, delimiter)
     decimal = "," if delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells[:MAX_LINE]) else "."
     notes = []

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config
-from dynid_rs.runs.readers.units import unit_in_name, unit_of
+from dynid_rs.runs.readers.measures import QUANTITIES, measured, unknown_unit
+from dynid_rs.runs.readers.table import Table
+from dynid_rs.runs.readers.units import in_brackets, may_be_unit, unit_in_name, unit_of
 
-_QUANTITIES: Mapping[str, tuple[str, ...]] = {
-    "t": ("time",),
-    "q": ("angle", "length"),
-    "q_motor": ("angle", "length"),
-    "q_reference": ("angle", "length"),
-    "dq": ("velocity",),
-    "dq_motor": ("velocity",),
-    "tau": ("torque", "current", "percent"),
-    "current": ("current", "torque", "percent"),
-}
-"""What the columns of a signal may be measured in; of others no unit is adopted."""
+_NEEDED = ("t", "q", "tau", "current")
+"""Signals that no run can do without."""
 
 
 @dataclass(frozen=True)
@@ -33,66 +26,93 @@ class Told:
     notes: tuple[str, ...]
 
 
-def adopt_units(found: ColumnMap, units: Mapping[str, str], config: Config, file: str) -> Told:
+def adopt_units(found: ColumnMap, table: Table, config: Config, joints: Sequence[str]) -> Told:
     """Take over the units that stand in the header.
 
     Parameters
     ----------
     found : ColumnMap
         Which column is which signal.
-    units : mapping of str to str
-        Column -> unit, as the file spells it.
+    table : Table
+        The file.
     config : Config
         What it says itself stands.
-    file : str
-        Name for messages.
+    joints : sequence of str
+        Joint names, which may stand in brackets where units do.
 
     Raises
     ------
     DataError
-        Columns of one quantity are in different units, or a torque is in percent of nobody knows what.
+        A unit is not known; columns of one quantity are in different units; a torque is in percent of nobody knows
+        what.
     """
-    adopted: dict[str, tuple[str, str]] = {}
+    file = table.file
+    adopted: dict[str, tuple[str, str, str]] = {}
     signals, notes = dict(found.signals), []
     for signal, names in (("t", (found.time,)), *found.signals.items()):
         for name in names:
-            told = _unit(name, units)
-            if told is None or told[0] not in _QUANTITIES.get(signal, ()):
+            word = _said(name, names, table, joints)
+            _refuse_unknown(signal, name, word, table, config)
+            quantity, unit = _unit(signal, name, word)
+            if quantity not in QUANTITIES.get(signal, ()) or signal == "temperature":
                 continue
-            quantity, unit = told
             if quantity == "percent":
                 notes += _of_percent(signal, name, config, file)
                 continue
-            other, first = adopted.setdefault(quantity, (unit, name))
+            other, first, its = adopted.setdefault(quantity, (unit, name, signal))
             if other != unit:
+                spare = next((one for one in (signal, its) if one not in _NEEDED), None)
+                mend = "" if spare is None else f", or leave {spare} out in dynid.toml: [columns] {spare} = false"
                 raise DataError(
                     f"{file}: column {shown(name)} is in {unit} and {shown(first)} in {other}, by the file's own "
-                    "words; write them again in one unit, or leave one out under [columns] in dynid.toml",
+                    f"words; write them again in one unit{mend}",
                     code="mixed_units",
                     file=file,
                     column=name,
                 )
     for wrong, right, held in (("tau", "current", "current"), ("current", "tau", "torque")):
-        if wrong in signals and right not in signals and _quantity(signals[wrong], units) == held:
+        if wrong in signals and right not in signals and _quantity(wrong, signals[wrong], table, joints) == held:
             signals[right] = signals.pop(wrong)
             unit = adopted[held][0]
             notes.append(f"{shown(signals[right][0])} is in {unit} by the file's own words, and so is read as {held}")
     notes = list(dict.fromkeys(notes))
-    new = {quantity: unit for quantity, (unit, _) in adopted.items() if quantity not in config.units}
+    new = {quantity: unit for quantity, (unit, *_) in adopted.items() if quantity not in config.units}
     not_si = [f"{quantity} in {unit}" for quantity, unit in new.items() if Config(units=new).factor(quantity) != 1.0]
     if not_si:
         notes.append(f"{', '.join(not_si)}, as the file's own header says")
     return Told(replace(found, signals=signals), replace(config, units={**config.units, **new}), tuple(notes))
 
 
-def _unit(name: str, units: Mapping[str, str]) -> tuple[str, str] | None:
-    word = units.get(name) or unit_in_name(name)
-    return None if word is None else unit_of(word)
+def _said(name: str, names: Sequence[str], table: Table, joints: Sequence[str]) -> str | None:
+    """Unit that stands beside a column, as the file spells it, known or not; None where none does."""
+    found = in_brackets(name)
+    if name in table.units or found is None or found[1] in joints:
+        return table.units.get(name)
+    # Members of an array may be called by what no robot's file calls its joints: `M[A1]`, `M[A2]`.
+    one = len({(in_brackets(other) or ("", ""))[1] for other in names}) == 1
+    return found[1] if unit_of(found[1]) or (one and may_be_unit(found[1])) else None
 
 
-def _quantity(names: Sequence[str], units: Mapping[str, str]) -> str | None:
-    quantities = {(_unit(name, units) or ("",))[0] for name in names}
+def _refuse_unknown(signal: str, name: str, word: str | None, table: Table, config: Config) -> None:
+    """Refuse a unit that is none of its signal's, where `config` does not say the unit; dates need none."""
+    quantities = QUANTITIES.get(signal, ())
+    told = None if word is None else unit_of(word)
+    known = told is not None and measured(signal, told)[0] in ("", *quantities)
+    if not quantities or word is None or known or name in table.stamps:
+        return
+    if not any(quantity in config.units for quantity in quantities):
+        raise unknown_unit(table.file, table.written.get(name, name), word, signal)
+
+
+def _quantity(signal: str, names: Sequence[str], table: Table, joints: Sequence[str]) -> str | None:
+    quantities = {_unit(signal, name, _said(name, names, table, joints))[0] for name in names}
     return quantities.pop() if len(quantities) == 1 else None
+
+
+def _unit(signal: str, name: str, word: str | None) -> tuple[str, str]:
+    word = word or unit_in_name(name)
+    told = None if word is None else unit_of(word)
+    return ("", "") if told is None else measured(signal, told)
 
 
 def _of_percent(signal: str, name: str, config: Config, file: str) -> list[str]:

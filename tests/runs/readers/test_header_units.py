@@ -1,0 +1,206 @@
+"""Units in headers: the usual ones are followed in every format, others are refused; columns by either name."""
+
+import numpy as np
+import pandas
+import pytest
+from scipy import constants
+
+from dynid_rs.base.errors import DataError
+from dynid_rs.runs.readers import open_run, read_recording, read_run
+
+JOINTS = ["a", "b"]
+ROWS = np.arange(50)
+SI = {
+    "t": ROWS / 100,
+    "q_0": np.sin(ROWS / 9),
+    "q_1": np.cos(ROWS / 7),
+    "tau_0": ROWS % 5 + 0.5,
+    "tau_1": ROWS % 7 - 1.0,
+}
+
+
+def table(units=None, names=None, also=None):
+    """The run in other units and under other names: signal -> (what stands behind its name, its factor to SI)."""
+    made = {}
+    for name, values in {**SI, **(also or {})}.items():
+        signal = name.partition("_")[0]
+        behind, factor = (units or {}).get(name, (units or {}).get(signal, ("", 1.0)))
+        made[(names or {}).get(name, name) + behind] = values / factor
+    return pandas.DataFrame(made)
+
+
+def write(path, frame):
+    if path.suffix == ".csv":
+        frame.to_csv(path, index=False)
+    elif path.suffix == ".jsonl":
+        frame.to_json(path, orient="records", lines=True, double_precision=15)
+    else:
+        frame.to_parquet(path)
+    return path
+
+
+def same(run):
+    np.testing.assert_allclose(run.t, SI["t"], rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(run.q, np.column_stack([SI["q_0"], SI["q_1"]]), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(run.tau, np.column_stack([SI["tau_0"], SI["tau_1"]]), rtol=1e-10, atol=1e-10)
+
+
+KNOWN = [
+    ("t", "[min]", constants.minute),
+    ("t", "(h)", constants.hour),
+    ("q", "[mrad]", constants.milli),
+    ("q", "[rev]", 2 * np.pi),
+    ("q", "[°]", constants.degree),
+    ("tau", "[Ncm]", constants.centi),
+    ("tau", "[N-cm]", constants.centi),
+    ("tau", "[mNm]", constants.milli),
+    ("tau", "[ft lb]", constants.lbf * constants.foot),
+    ("tau", "(lbf·ft)", constants.lbf * constants.foot),
+    ("tau", "[in-lb]", constants.lbf * constants.inch),
+    ("tau", "[kgf*cm]", constants.kgf * constants.centi),
+    ("tau", "[N⋅m]", 1.0),
+    ("tau", "(N.m)", 1.0),
+]
+
+
+@pytest.mark.parametrize(("signal", "unit", "factor"), KNOWN)
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".jsonl"])
+def test_ordinary_units_are_followed_in_every_format(signal, unit, factor, suffix, tmp_path):
+    path = write(tmp_path / f"run{suffix}", table({signal: (f" {unit}", factor)}))
+    run = read_run(path, JOINTS)
+    same(run.recording)
+    assert run.columns.used() == tuple(SI)
+
+
+def test_ordinary_units_are_followed_in_a_data_frame():
+    same(read_recording(table({"t": (" [ms]", 1e-3), "q": ("[deg]", constants.degree)}), JOINTS))
+
+
+UNKNOWN = {
+    "torque": (
+        {"tau": (" [furlong]", 1.0)},
+        "the unit 'furlong' of column tau_0 [furlong] is not known for tau; write",
+    ),
+    "angle": ({"q": (" [counts]", 1.0)}, "the unit 'counts' of column q_0 [counts] is not known for q; write"),
+    "time": (
+        {"t": (" (ticks)", 1.0)},
+        "the unit 'ticks' of column t (ticks) is not known for t; write it in one of s, ms",
+    ),
+    "one joint": ({"q_1": (" [counts]", 1.0)}, "the unit 'counts' of column q_1 [counts] is not known for q"),
+    "another quantity": ({"q": (" [Nm]", 1.0)}, "the unit 'Nm' of column q_0 [Nm] is not known for q"),
+}
+
+
+@pytest.mark.parametrize(("units", "said"), UNKNOWN.values(), ids=UNKNOWN)
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_an_unknown_unit_is_refused(units, said, suffix, tmp_path):
+    with pytest.raises(DataError) as caught:
+        read_recording(write(tmp_path / f"run{suffix}", table(units)), JOINTS)
+    assert said in str(caught.value)
+    assert caught.value.code == "unknown_unit"
+
+
+def test_an_unknown_unit_is_refused_in_a_mapped_column_unless_the_rules_say_the_unit(tmp_path):
+    path = write(tmp_path / "run.csv", table({"tau": (" [furlong]", 1.0)}, {"tau_0": "M_1", "tau_1": "M_2"}))
+    for rule in ("M_{n} [furlong]", "M_{n}", ["M_1 [furlong]", "M_2 [furlong]"]):
+        with pytest.raises(DataError, match=r"the unit 'furlong' of column M_1 \[furlong\] is not known for tau"):
+            read_recording(path, JOINTS, {"columns": {"tau": rule}})
+    run = read_recording(path, JOINTS, {"columns": {"tau": "M_{n} [furlong]"}, "units": {"torque": "mN*m"}})
+    np.testing.assert_allclose(1e3 * run.tau[:, 0], SI["tau_0"])
+
+
+def test_an_unknown_unit_of_what_is_not_read_is_nobodys_concern(tmp_path):
+    also = {"force_0": ROWS * 1.0}
+    same(read_recording(write(tmp_path / "run.csv", table({"force": (" [furlong]", 1.0)}, also=also)), JOINTS))
+
+
+def test_temperatures_are_in_degrees_celsius_or_left_out(tmp_path):
+    also = {"temperature_0": 300.0 + ROWS, "temperature_1": 300.0 + ROWS}
+    path = write(tmp_path / "run.csv", table({"temperature": (" [K]", 1.0)}, also=also))
+    with pytest.raises(DataError, match=r"'K' of column temperature_0 \[K\] .*write it in degC, or leave it out"):
+        read_recording(path, JOINTS, {"columns": {"temperature": "temperature_{i}"}})
+    same(read_recording(path, JOINTS, {"columns": {"temperature": False}}))
+
+
+@pytest.mark.parametrize(
+    ("q", "tau"),
+    [("pos[{joint}]", "M[{joint}]"), ("pos[A{n}]", "M[A{n}]"), ("pos {n} (ist)", "M {n} (ist)")],
+)
+def test_what_stands_in_brackets_and_names_a_channel_is_no_unit(q, tau, tmp_path):
+    rules = {"columns": {"q": q, "tau": tau}}
+    names = {"q": q, "tau": tau}
+    frame = table(
+        names={
+            f"{signal}_{i}": rule.format(i=i, n=i + 1, joint=joint)
+            for signal, rule in names.items()
+            for i, joint in enumerate(JOINTS)
+        }
+    )
+    same(read_recording(write(tmp_path / "run.csv", frame), JOINTS, rules))
+
+
+def test_dates_need_no_unit(tmp_path):
+    frame = table()
+    frame["t"] = [f"2024-05-01T12:00:{k / 100:09.6f}" for k in ROWS]
+    path = write(tmp_path / "run.csv", frame.rename(columns={"t": "stamp [UTC]"}))
+    same(read_recording(path, JOINTS, {"columns": {"t": "stamp [UTC]"}}))
+
+
+GERMAN = {"t": "Zeit", "q_0": "Achse 1 Ist", "q_1": "Achse 2 Ist", "tau_0": "M 1", "tau_1": "M 2"}
+UNITS = {"t": (" [ms]", 1e-3), "q": (" [°]", constants.degree), "tau": (" (Nm)", 1.0)}
+RULES = [
+    {"t": "Zeit [ms]", "q": "Achse {n} Ist [°]", "tau": "M {n} (Nm)"},
+    {"t": "Zeit", "q": "Achse {n} Ist", "tau": "M {n}"},
+    {"t": "Zeit [ms]", "q": ["Achse 1 Ist [°]", "Achse 2 Ist"], "tau": "M {n} (Nm)"},
+]
+
+
+@pytest.mark.parametrize("rules", RULES)
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("joints", [JOINTS, None])
+def test_columns_are_named_as_they_stand_in_the_file_or_less_their_units(rules, suffix, joints, tmp_path):
+    path = write(tmp_path / f"run{suffix}", table(UNITS, GERMAN))
+    same(read_recording(path, joints, {"columns": rules}))
+
+
+def test_messages_name_columns_as_they_stand_in_the_file(tmp_path):
+    path = write(tmp_path / "run.csv", table(UNITS, GERMAN))
+    with pytest.raises(DataError) as caught:
+        read_recording(path, JOINTS, {"columns": {**RULES[0], "t": "Zeit [s]"}})
+    said = str(caught.value)
+    assert "the time column is missing, expected Zeit [s]; the file has Zeit [ms], Achse 1 Ist [°]," in said
+    frame = table(UNITS, GERMAN).astype(object)
+    frame.iloc[7, 1] = "x"
+    with pytest.raises(DataError, match=r"column Achse 1 Ist \[°\]: 'x' is not a number"):
+        read_recording(write(path, frame), JOINTS, {"columns": RULES[1]})
+
+
+def test_two_columns_that_only_their_units_tell_apart_keep_them(tmp_path):
+    frame = table({"q": (" [rad]", 1.0)})
+    for joint in range(2):
+        frame[f"q_{joint} [deg]"] = np.rad2deg(SI[f"q_{joint}"])
+    path = write(tmp_path / "run.csv", frame)
+    assert {"q_0 [rad]", "q_0 [deg]", "t"} <= set(open_run(path, JOINTS).names)
+    for unit in ("rad", "deg"):
+        same(read_recording(path, JOINTS, {"columns": {"q": f"q_{{i}} [{unit}]"}}))
+
+
+def test_a_mend_for_two_units_is_one_that_works(tmp_path):
+    path = write(tmp_path / "run.csv", table({"q_0": (" [rad]", 1.0), "q_1": (" [deg]", constants.degree)}))
+    with pytest.raises(DataError, match=r"write them again in one unit$"):
+        read_recording(path, JOINTS)
+    also = {"qm_0": SI["q_0"], "qm_1": SI["q_1"]}
+    units = {"q": (" [rad]", 1.0), "qm": (" [deg]", constants.degree)}
+    path = write(tmp_path / "run.csv", table(units, also=also))
+    with pytest.raises(DataError, match=r"or leave q_motor out in dynid.toml: \[columns\] q_motor = false$"):
+        read_recording(path, JOINTS)
+    same(read_recording(path, JOINTS, {"columns": {"q_motor": False}}))
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("[deg/s]", constants.degree), ("[deg]", constants.degree), ("[m/s]", 1.0)]
+)
+def test_a_velocity_may_be_an_angle_a_second_or_that_of_a_slide(unit, factor, tmp_path):
+    also = {f"dq_{joint}": np.gradient(SI[f"q_{joint}"], SI["t"]) for joint in range(2)}
+    run = read_recording(write(tmp_path / "run.csv", table({"dq": (f" {unit}", factor)}, also=also)), JOINTS)
+    np.testing.assert_allclose(run.dq[:, 1], also["dq_1"], rtol=1e-9, atol=1e-9)
