@@ -45,6 +45,19 @@ def test_a_plain_run_needs_nothing(tmp_path):
     assert written["robot"] == {"joints": list(JOINTS), "gravity": [0.0, 0.0, -9.81]}
 
 
+def test_questions_name_the_columns_of_the_file(tmp_path):
+    columns = run(0)
+    n = sum(name.startswith("q_") for name in columns)
+    columns |= {f"enc_A{j + 1}": columns[f"q_{j}"] * (-1.0 if j == 1 else 1.0) for j in range(n)}
+    rules = tmp_path / "known.toml"
+    rules.write_text('[columns]\nq_motor = "enc_A{n}"\n')
+    answer, _ = init(
+        tmp_path, write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns), "--config", rules, code=1
+    )
+    asked = next(one for one in answer["questions"] if one["code"] == "motor_flipped")
+    assert (asked["column"], asked["message"].partition(" ")[0]) == ("enc_A2", "enc_A2")
+
+
 def test_editors_are_told_the_schema_of_this_version(tmp_path):
     """By an address that holds wherever the file goes: that of the schema in the repository, at the release's tag."""
     init(tmp_path, write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0)))

@@ -145,6 +145,39 @@ def test_json(tmp_path, good, bad):
     assert (finding["column"], finding["rows"]) == ("tau_1", [0, 1000])
 
 
+def mapped(folder):
+    """A run whose columns have names of their own, two of them such as those of signals; its rules, and findings."""
+    columns = valid_columns(n_samples=1000)
+    names = {"t": "ms"} | {f"tau_{j}": f"M_A{j + 1}" for j in range(3)} | {f"q_{j}": f"q_{j + 1}" for j in range(3)}
+    made = {names.get(name, name): values for name, values in columns.items()}
+    made |= {f"enc_A{j + 1}": columns[f"q_{j}"] + (j == 0) for j in range(3)}
+    made["enc_A2"] = -made["enc_A2"]
+    made["M_A3"] = np.zeros(1000)
+    rules = folder / "dynid.toml"
+    rules.write_text('[columns]\nt = "ms"\nq = "q_{n}"\nq_motor = "enc_A{n}"\ntau = "M_A{n}"\n')
+    return write_csv(folder / "mapped.csv", made), rules
+
+
+def test_findings_name_the_columns_of_the_file(tmp_path):
+    path, rules = mapped(tmp_path)
+    answer = json.loads(run("--json", path, "--config", rules).stdout)
+    found = {finding["code"]: finding for finding in answer["runs"][0]["findings"]}
+    expected = {"stuck": "M_A3", "motor_flipped": "enc_A2", "encoder_offset": "enc_A1"}
+    assert {code: found[code]["column"] for code in expected} == expected
+    assert found["motor_flipped"]["message"].startswith("enc_A2 runs against q_2: ")
+    assert found["encoder_offset"]["message"].startswith("enc_A1 lies +1 rad beside q_1: ")
+    said = run(path, "--config", rules).stdout
+    assert "M_A3 is 0 N*m in every row" in said
+    assert "q_motor_" not in said
+
+
+def test_a_clock_is_named_as_the_file_calls_it(tmp_path):
+    path, rules = mapped(tmp_path)
+    rules.write_text(f'{rules.read_text()}[units]\ntime = "us"\n')
+    answer = json.loads(run("--json", path, "--config", rules).stdout)
+    assert ("sampling_rate", "ms") in {(one["code"], one.get("column")) for one in answer["runs"][0]["findings"]}
+
+
 def test_json_of_unreadable_files(tmp_path, good):
     columns = valid_columns()
     columns["q_1"][4] = np.nan

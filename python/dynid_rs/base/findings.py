@@ -35,7 +35,8 @@ class Finding:
     message : str
         One sentence for a person.
     file, column : str, optional
-        Where it is; columns by signal and 0-based joint, e.g. ``"tau_2"``.
+        Where it is; columns by signal and 0-based joint, e.g. ``"tau_2"``; `dynid inspect` and `dynid init` say the
+        file's own.
     rows : tuple of int, optional
         Half-open range of 0-based data rows.
     value : float, optional

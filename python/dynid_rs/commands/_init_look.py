@@ -24,6 +24,7 @@ from dynid_rs.runs.readers import Config, Run, open_run, read_run
 from dynid_rs.runs.readers.columns import INIT_WRITES, fill, match_columns
 from dynid_rs.runs.readers.config import UNITS, ColumnRule
 from dynid_rs.runs.readers.dialects import speak
+from dynid_rs.runs.readers.file_words import in_file_words
 from dynid_rs.runs.readers.guess import Guess, guess
 from dynid_rs.runs.readers.headers import by_plain_names
 from dynid_rs.runs.readers.list_cells import lists_explained
@@ -110,12 +111,20 @@ def look(
             robot = robot.with_gravity(list(found.rules.gravity))
         found.runs = _read(paths, names, robot, found.rules)
         found.questions = _questions(robot, found)
+    found.questions = [
+        one if one.code == "joint_order" else _named_as_there(one, found.runs) for one in found.questions
+    ]
     found.notes += told(found.runs)
     signals = found.runs[0].columns.signals
     if "current" in signals and "tau" not in signals and found.rules.drive_gain is None:
         found.notes.append(f"{shown(signals['current'][0])}, ... are {CURRENTS}")
     found.notes = list(dict.fromkeys(found.notes))
     return found
+
+
+def _named_as_there(finding: Finding, runs: Sequence[Run]) -> Finding:
+    columns = {part.name: run.columns for run in runs for part in run.parts}
+    return in_file_words(finding, columns.get(finding.file or "", runs[0].columns))
 
 
 def _read(paths: Sequence[Path], names: Sequence[str], robot: Any, rules: Config) -> list[Run]:

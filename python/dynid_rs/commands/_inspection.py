@@ -16,6 +16,7 @@ from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
 from dynid_rs.runs.checks import check_recording, is_damage, refused_sources, relative_jitter, severity_order
 from dynid_rs.runs.checks.beside import beside_each_other
 from dynid_rs.runs.readers import Config, Run, read_run
+from dynid_rs.runs.readers.file_words import in_file_words
 from dynid_rs.runs.recording import Recording, gaps
 
 
@@ -44,8 +45,9 @@ def inspect_run(
     said = [*lacking, *run.findings(run.parts[0].name)]
     inspections = []
     for k, (part, found) in enumerate(checked):
-        findings = found if run.has_torque else [one for one in found if not (one.column or "").startswith("tau")]
-        own = sorted((*findings, *(said if k == 0 else ())), key=severity_order)
+        heard = found if run.has_torque else [one for one in found if not (one.column or "").startswith("tau")]
+        named = (in_file_words(finding, run.columns) for finding in heard)
+        own = sorted((*named, *(said if k == 0 else ())), key=severity_order)
         inspections.append(Inspection(path, replace(run, parts=(part,)), tuple(own)))
     return inspections
 
@@ -85,7 +87,7 @@ def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
     for finding in set_findings(robot, runs):
         one = read[finding.file or "0"]
         assert one.run is not None
-        named = replace(finding, file=one.run.recording.name)
+        named = in_file_words(replace(finding, file=one.run.recording.name), one.run.columns)
         place = inspections.index(one)
         result[place] = replace(one, findings=tuple(sorted((*one.findings, named), key=severity_order)))
     return result
@@ -93,10 +95,12 @@ def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
 
 def _beside(inspections: Sequence[Inspection]) -> list[Inspection]:
     result = list(inspections)
-    read = [(k, one.run.recording) for k, one in enumerate(inspections) if one.run is not None]
-    told = beside_each_other([run for _, run in read], [inspections[k].findings for k, _ in read])
-    for (k, _), findings in zip(read, told, strict=True):
-        result[k] = replace(result[k], findings=tuple(findings))
+    read = [(k, one.run) for k, one in enumerate(inspections) if one.run is not None]
+    told = beside_each_other([run.recording for _, run in read], [inspections[k].findings for k, _ in read])
+    for (k, run), findings in zip(read, told, strict=True):
+        own = result[k].findings
+        named = (one if one in own else in_file_words(one, run.columns) for one in findings)
+        result[k] = replace(result[k], findings=tuple(named))
     return result
 
 

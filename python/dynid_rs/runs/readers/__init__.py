@@ -76,10 +76,11 @@ class Run:
             text = (
                 '[units] angle is "deg", and no joint goes beyond 6.3 of them; if they are radians, take the rule out'
             )
-            found.append(Finding("units_radians", "warning", text, name, "q_0"))
+            found.append(Finding("units_radians", "warning", text, name, self.columns.signals["q"][0]))
         if self.split is not None:
             row, line = self.split.row, self.split.line
-            split = Finding(self.split.code, "warning", self.split.text, name, "t", (row - 1, row + 1), line=line)
+            rows = (row - 1, row + 1)
+            split = Finding(self.split.code, "warning", self.split.text, name, self.columns.time, rows, line=line)
             found.insert(0, split)
         return found
 
