@@ -315,6 +315,36 @@ def test_a_wrong_gravity_is_questioned_and_the_right_one_named(gravity, said):
     assert finding.message.endswith("give --gravity 0.00,0.00,-9.81")
 
 
+PLANE = dyn.RobotModel.from_urdf_string(
+    '<robot name="plane"><link name="base"/>'
+    + "".join(
+        f'<link name="{link}"><inertial><origin xyz="0.3 0 0.05"/><mass value="{mass}"/>'
+        '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
+        f'<joint name="to_{link}" type="revolute"><parent link="{parent}"/><child link="{link}"/>'
+        '<origin xyz="0.6 0.1 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="3" effort="200"/></joint>'
+        for parent, link, mass in (("base", "upper", 8), ("upper", "fore", 4))
+    )
+    + "</robot>"
+)
+"""Two axes along y: no torque shows what of gravity is along them."""
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ((0.0, 0.0, 0.0), "0.00,0.00,-9.81"),
+        ((0.0, 3.0, 9.34), "0.00,3.00,-9.34"),
+        ((0.0, 9.81, 0.0), "0.00,0.00,-9.81"),
+    ],
+)
+def test_what_no_torque_shows_of_gravity_stays_as_the_robot_has_it(declared, said):
+    """It was made up: 0,-1.95,-9.61 was said, of a gravity that was 0,0,-9.81."""
+    runs = simulate(typical_arm(PLANE), n_runs=2, duration=12.0, rate=250.0, tracking=Tracking()).recordings
+    (finding,) = channel_errors(PLANE.with_gravity(declared), list(runs))
+    assert finding.code == "mounting"
+    assert finding.message.endswith(f"give --gravity {said}")
+
+
 def test_a_light_gravity_that_is_so_is_believed():
     moon = SIX_AXES.with_gravity((0.0, 0.0, -1.62))
     assert channel_errors(moon, recorded(rigid(moon), n_runs=2)) == []

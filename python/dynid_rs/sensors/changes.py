@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 QUARTERS = (1, 2, -1)
 """Quarter turns between two zeros of a joint: those are a matter of convention, and controllers differ in it."""
+HARDLY = 1e-4
+"""Power of the weight along one direction, over that along the one felt most, up to which it is not felt."""
 MOST_ODD = 4
 """Runs of a set that are looked at one by one."""
 
@@ -56,6 +58,14 @@ class Bench:
         """The runs under another gravity (3,) [m/s^2], without another pass over them."""
         moments = tuple(run.moments(gravity) for run in self._weighed)
         return Bench(self.robot.with_gravity(gravity.tolist()), self.rows, moments)
+
+    @cached_property
+    def felt(self) -> FloatArray:
+        """Directions of gravity that some torque shows, whatever the links weigh, (at most 3, 3); orthonormal."""
+        power = np.sum([np.einsum("jakbk->ab", run.weight) for run in self._weighed], axis=0)
+        values, vectors = np.linalg.eigh(power)
+        felt: FloatArray = vectors.T[values > HARDLY * values[-1]]
+        return felt
 
     @cached_property
     def _weighed(self) -> tuple[Weighed, ...]:
