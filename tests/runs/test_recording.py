@@ -36,6 +36,24 @@ def test_integers_float32_and_lists_become_float64():
     assert rec.tau.flags.c_contiguous
 
 
+STEPS = 10 * np.arange(400).astype("timedelta64[ms]")
+
+
+@pytest.mark.parametrize("t", [STEPS, np.datetime64("2024-05-01T12:00:00") + STEPS, list(STEPS.astype("m8[us]"))])
+def test_moments_are_seconds_from_the_first_row_as_in_a_data_frame(t):
+    """Their counts were taken for seconds: 2 s at 250 Hz were 1996 s at 0.25 Hz."""
+    np.testing.assert_allclose(Recording(**arrays(t=t)).t, arrays()["t"], rtol=0, atol=1e-12)
+
+
+def test_moments_that_are_missing_or_no_time_are_refused():
+    lost = STEPS.copy()
+    lost[7] = np.timedelta64("NaT")
+    with pytest.raises(DataError, match=r"row 8, column t: nan is not a finite number"):
+        Recording(**arrays(t=lost))
+    with pytest.raises(ValueError, match=r"tau must be an array of numbers, got timedelta64\[ms\]"):
+        Recording(**arrays(tau=np.stack([STEPS] * 3, axis=1)))
+
+
 def test_slice_and_without():
     rec = Recording(**arrays())
     part = rec.slice(100, -50)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,11 @@ BURSTS = (0.6, 1.5)
 
 MIN_STEP = 1e-9
 """Shorter median steps [s] come from a wrong unit or damaged numbers."""
+
+_LONG_AGO = 1e6
+"""Time that starts so late [s] counts from an epoch, not from the start of a controller."""
+_NO_FRACTION = 2.0**53
+"""From here on every float64 is a whole number."""
 
 ABSURD = 1e7
 """No position, torque or acceleration of an arm has this size, in degrees and N mm neither."""
@@ -98,6 +104,25 @@ def check_size(
         column=column,
         row=row,
     )
+
+
+def seconds_of(values: NDArray[Any], factor: float = 1.0, *, stamps: bool = False) -> FloatArray:
+    """Time (n,) [s] of numbers times `factor`, of numpy's moments and differences of them, or of `stamps` [ns].
+
+    Moments, stamps and large numbers are counted from the first row; a moment that is missing is NaN.
+    """
+    if values.dtype.kind in "mM":
+        ticks = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
+        return np.where(np.isnat(values), np.nan, seconds_of(ticks, stamps=True))
+    factor = TIME_UNITS["ns"] if stamps else factor
+    # Ticks since 1970 do not fit a float64, or leave it little for the steps between samples.
+    whole = values.size and values.dtype.kind in "iu"
+    if values.size and values.dtype.kind == "f" and _NO_FRACTION <= abs(values[0]) < np.inf:
+        values = values - values[0]  # whole numbers that some program kept as floats
+    elif whole and (stamps or abs(int(values[0])) * factor > _LONG_AGO):
+        first = int(values[0])
+        values = np.array([int(v) - first for v in values]) if values.dtype.kind == "u" else values - first
+    return np.ascontiguousarray(values.astype(np.float64) * factor)
 
 
 SHARED = 0.1

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid_rs.runs.cells import TIME_UNITS, check_finite, check_time, usual_step
+from dynid_rs.runs.cells import TIME_UNITS, check_finite, check_time, seconds_of, usual_step
 
 if TYPE_CHECKING:
     from dynid_rs.runs.readers.config_file import Rules
@@ -45,7 +45,8 @@ class Recording:
     Parameters
     ----------
     t : ndarray (n,)
-        Time [s], strictly increasing, no step of more than 10 median steps.
+        Time [s], strictly increasing, no step of more than 10 median steps. Of numpy's moments and differences of them
+        (`datetime64`, `timedelta64`) seconds are made, from the first row on.
     q : ndarray (n, n_joints)
         Link-side position [rad, m]; with one encoder per joint, the only one.
     dq, ddq : ndarray (n, n_joints), optional
@@ -368,12 +369,19 @@ class Recording:
 
 
 def _as_floats(values: ArrayLike, name: str) -> FloatArray:
+    kind = type(values).__name__
     try:
         if values is None:
             raise TypeError
-        return np.ascontiguousarray(values, dtype=np.float64)
+        given = np.asarray(values)
+        if given.dtype.kind in "mM":  # as numbers they are counts of some unit
+            if name == "t" and given.ndim == 1:
+                return seconds_of(given)
+            kind = given.dtype.name
+            raise TypeError
+        return np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of numbers, got {type(values).__name__}") from None
+        raise ValueError(f"{name} must be an array of numbers, got {kind}") from None
 
 
 def gaps(recording: Recording) -> Sequence[tuple[int, float]]:

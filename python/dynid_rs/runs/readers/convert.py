@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.runs.cells import TIME_UNITS, FloatArray, check_finite, check_size, check_time
+from dynid_rs.runs.cells import FloatArray, check_finite, check_size, check_time, seconds_of
 from dynid_rs.runs.parts import MOST_SAID, Split, find_parts, part_name, split_of
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config, PerJoint
@@ -27,10 +27,6 @@ _SIGN_OF = {
     "tau": "tau",
     "current": "tau",
 }
-_LONG_AGO = 1e6
-"""Time that starts so late [s] counts from an epoch, not from the start of a controller."""
-_NO_FRACTION = 2.0**53
-"""From here on every float64 is a whole number."""
 
 
 @dataclass(frozen=True)
@@ -160,15 +156,7 @@ def to_parts(
 
 def seconds(values: NDArray[Any], table: Table, column: str, config: Config) -> FloatArray:
     """Time (n,) [s] of a column as it was loaded; stamps and large numbers are counted from the first row."""
-    factor = TIME_UNITS["ns"] if column in table.stamps else config.factor("time")
-    # Ticks since 1970 do not fit a float64, or leave it little for the steps between samples.
-    whole = values.size and values.dtype.kind in "iu"
-    if values.size and values.dtype.kind == "f" and _NO_FRACTION <= abs(values[0]) < np.inf:
-        values = values - values[0]  # whole numbers that some program kept as floats
-    elif whole and (column in table.stamps or abs(int(values[0])) * factor > _LONG_AGO):
-        first = int(values[0])
-        values = np.array([int(v) - first for v in values]) if values.dtype.kind == "u" else values - first
-    return np.ascontiguousarray(values.astype(np.float64) * factor)
+    return seconds_of(values, config.factor("time"), stamps=column in table.stamps)
 
 
 def _grain(values: NDArray[Any], factor: float) -> float | None:
