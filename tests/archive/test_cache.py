@@ -92,7 +92,7 @@ def test_only_what_has_changed_is_done_again(tmp_path, monkeypatch):
     columns["tau_0"][7] += 1e-9
     write(paths[1], columns)
     assert surveyed(sources) == ["run_1.parquet"]
-    assert len(surveyed([RunFile(p, p.name, robot, Config(drive_gain=(2.0,))) for p in paths])) == 3
+    assert len(surveyed([RunFile(p, p.name, robot, Config(signs={"q": (-1.0,)})) for p in paths])) == 3
     heavier = RobotModel.from_urdf_string(
         paths[0].with_name("robot.urdf").read_text().replace('mass value="8"', 'mass value="9"')
     )

@@ -346,7 +346,7 @@ OPTIONS = {
     "gain: nan": (("--drive-gain", "1,nan,2"), "--drive-gain must be one finite number or 3, found '1,nan,2'"),
     "gain: zero": (("--drive-gain", "1,0,2"), "--drive-gain must be positive, found 0"),
     "gain: negative": (("--drive-gain", "1,-3,2"), "--drive-gain must be positive, found -3"),
-    "gain: for torques": (("--drive-gain", "1,2,3"), "run_0.parquet: holds torque, and --drive-gain is for currents"),
+    "gain: for torques": (("--drive-gain", "1,2,3"), "run_0.parquet: holds torque, and drive gains (--drive-gain"),
     "cutoff: nan": (("--cutoff", "nan"), "--cutoff must be a positive frequency in Hz, found nan"),
     "cutoff: zero": (("--cutoff", "0"), "--cutoff must be a positive frequency in Hz, found 0"),
     "cutoff: negative": (("--cutoff", "-5"), "--cutoff must be a positive frequency in Hz, found -5"),

@@ -422,9 +422,17 @@ def test_a_run_in_parts_is_estimated_along_the_longest_and_says_so(folder):
     assert "the longest part is estimated" in result.stderr
 
 
-def test_gains_are_for_currents():
-    said = refusal(dynid("estimate", study().model, study().runs[2], "--drive-gain", "3"))
-    assert said == "run_2.parquet: holds torque, and --drive-gain is for currents; leave it out"
+def test_gains_are_for_currents(tmp_path):
+    """Those of dynid.toml had no effect, and nothing said so."""
+    rules = tmp_path / "dynid.toml"
+    rules.write_text("[drive]\ngain = 3\n", encoding="utf-8")
+    for gain in (("--drive-gain", "3"), ("--config", rules)):
+        assert refusal(dynid("estimate", study().model, study().runs[2], *gain)) == (
+            "run_2.parquet: holds torque, and drive gains (--drive-gain, or [drive] gain in dynid.toml) are for "
+            "currents; leave them out, or write `tau = false` under [columns] where currents stand beside it"
+        )
+    inspected = dynid("inspect", study().runs[2], "--config", rules)
+    assert "drive gains are for currents, and torque is read: they are not used" in " ".join(inspected.stdout.split())
 
 
 def test_the_folder_of_a_result_stands_for_its_model(tmp_path):

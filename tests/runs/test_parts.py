@@ -102,14 +102,14 @@ def test_runs_in_which_one_joint_moves(tmp_path):
 def test_a_file_in_parts_is_read_once(tmp_path, monkeypatch):
     from dynid_rs import RobotModel
     from dynid_rs.archive import runs as module
-    from dynid_rs.commands._inputs import Settings, run_sources
+    from dynid_rs.commands._inputs import run_sources
     from dynid_rs.runs.readers import Config
 
     robot, columns, calls = RobotModel.from_urdf(write_robot(tmp_path)), run(0), []
     for row in (400, 800, 1200):
         columns["t"][row:] += 5.0
     path = write_csv(tmp_path / "run.csv", columns)
-    sources = run_sources([path], robot, Settings(Config()))
+    sources = run_sources([path], robot, Config())
 
     def counted(*arguments, **named):
         calls.append(arguments)

@@ -46,10 +46,15 @@ _LAST: dict[str, tuple[object, _core.RobotModel, Config, Run]] = {}
 """The file in parts that was read last, until its last part is taken: a data set may hold hundreds."""
 
 
-def no_current(name: str) -> DataError:
-    """Error that a gain is given for the currents of the run `name`, which has none."""
-    text = f"{name}: holds torque, and --drive-gain is for currents; leave it out"
-    return DataError(text, code="no_current", file=name)
+def refuse_gain(run: Run, config: Config, name: str) -> None:
+    """Raise `DataError` where a gain is given for the currents of a run of which torque is read."""
+    if config.drive_gain is not None and "tau" in run.columns.signals:
+        raise DataError(
+            f"{name}: holds torque, and drive gains (--drive-gain, or [drive] gain in {config.source}) are for "
+            "currents; leave them out, or write `tau = false` under [columns] where currents stand beside it",
+            code="no_current",
+            file=name,
+        )
 
 
 @dataclass(frozen=True)
@@ -66,8 +71,6 @@ class RunFile:
         The arm.
     config : Config
         Names, units and signs of the file.
-    gain_given : bool
-        Whether the drive gains in `config` come from the command line, and currents are expected.
     part, n_parts : int
         Which part of how many, where gaps or jumps of time split the file.
     """
@@ -76,7 +79,6 @@ class RunFile:
     name: str
     robot: _core.RobotModel
     config: Config
-    gain_given: bool = False
     part: int = 0
     n_parts: int = 1
 
@@ -107,8 +109,7 @@ class RunFile:
 
     def _run(self) -> Run:
         run = self._read_file()
-        if self.gain_given and "current" not in run.columns.signals:
-            raise no_current(self.name)
+        refuse_gain(run, self.config, self.name)
         return run
 
     def _read_file(self) -> Run:
@@ -141,4 +142,4 @@ class RunFile:
                 raise with_sentence(error, path, "read") from None
         content = hashes[0] if len(hashes) == 1 else fingerprint(*hashes)
         suffix = self.path.suffix.lower()
-        return fingerprint(content, self.name, suffix, self.robot, self.config, self.gain_given, self.part)
+        return fingerprint(content, self.name, suffix, self.robot, self.config, self.part)

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs.commands._inputs import Settings, check_cutoff, parted_sources, split_read
+from dynid_rs.commands._inputs import check_cutoff, parted_sources, split_read
 
 if TYPE_CHECKING:
     from dynid_rs.archive import Archive, RunFile
     from dynid_rs.archive.work import Work
     from dynid_rs.base.findings import Finding
     from dynid_rs.identification.results import LearnedFrom
+    from dynid_rs.runs.readers import Config
     from dynid_rs.runs.recording import Recording
 
 
@@ -64,7 +65,7 @@ def read_given(
     test: list[Path],
     test_from: float | None,
     robot: Any,
-    settings: Settings,
+    settings: Config,
     *,
     memory: int,
     cutoff: float | None,

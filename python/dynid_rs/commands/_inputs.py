@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,14 +23,6 @@ if TYPE_CHECKING:
 
 ROUNDING = 1e-6
 """Rates from time stamps are not exact."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Rules of the files, and whether the drive gains in them come from the command line."""
-
-    config: Config
-    gain_given: bool = False
 
 
 def read_robot(
@@ -101,38 +93,38 @@ def chain_ends(base: str | None, tip: str | None, rules: Config | None) -> tuple
 
 
 def with_rotors(
-    robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None, *, xacro: bool = False
+    robot: Any, settings: Config, path: Path, base: str | None, tip: str | None, *, xacro: bool = False
 ) -> Any:
     """Return the robot with the rotor inertias of `dynid.toml`; the same one where it gives none."""
     from dynid_rs.base.errors import DataError
     from dynid_rs.model import robot_file
 
-    inertia, n = settings.config.rotor_inertia, robot.n_joints
+    inertia, n = settings.rotor_inertia, robot.n_joints
     if inertia is None:
         return robot
     if len(inertia) not in (1, n):
         raise DataError(
-            f"{settings.config.source}, [motor] rotor_inertia: must be one number or {n}, one per joint of "
+            f"{settings.source}, [motor] rotor_inertia: must be one number or {n}, one per joint of "
             f"{robot.name}, found {len(inertia)}",
             code="bad_config",
-            file=settings.config.source,
+            file=settings.source,
             column="[motor] rotor_inertia",
         )
     rotors = list(inertia) * (n // len(inertia))
-    base, tip = chain_ends(base, tip, settings.config)
+    base, tip = chain_ends(base, tip, settings)
     gravity = robot.gravity.tolist()
     return robot_file.read_robot(path, base=base, tip=tip, gravity=gravity, rotor_inertia=rotors, xacro=xacro)
 
 
-def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
+def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Config:
     """Read `dynid.toml`; drive gains from the command line replace its own."""
     rules = read_rules(config)
     if drive_gain is None:
-        return Settings(rules)
+        return rules
     gains = numbers("--drive-gain", drive_gain, n_joints, or_one=True)
     if min(gains) <= 0:
         raise ValueError(f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau")
-    return Settings(replace(rules, drive_gain=gains), gain_given=True)
+    return replace(rules, drive_gain=gains)
 
 
 def read_split(
@@ -140,7 +132,7 @@ def read_split(
     test: list[Path],
     test_from: float | None,
     robot: Any,
-    settings: Settings,
+    settings: Config,
     cutoff: float | None,
 ) -> tuple[Split, list[Finding]]:
     """Read, check and split; findings on all runs."""
@@ -163,7 +155,7 @@ def split_read(
     return replace(split, train=train, test=tested), said + ([split.finding] if split.finding else [])
 
 
-def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int) -> list[Recording]:
+def read_friction(paths: list[Path], robot: Any, settings: Config, memory: int) -> list[Recording]:
     """Runs of the friction experiment; hints about slow or one-way motion are no news there.
 
     Raises
@@ -184,7 +176,7 @@ def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int
     return recordings
 
 
-def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
+def read_runs(paths: list[Path], robot: Any, settings: Config) -> tuple[list[Recording], list[Finding]]:
     """Read runs, in parts where they have gaps, without the signals that contradict their positions; with findings.
 
     Raises
@@ -230,13 +222,13 @@ def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:
     return recordings, findings
 
 
-def run_sources(paths: Sequence[Path], robot: Any, settings: Settings) -> list[RunFile]:
+def run_sources(paths: Sequence[Path], robot: Any, settings: Config) -> list[RunFile]:
     """Return the runs, to be read when they are needed; several of a file that gaps or jumps of time split."""
     return parted_sources(paths, (), robot, settings)[0]
 
 
 def parted_sources(
-    runs: Sequence[Path], test: Sequence[Path], robot: Any, settings: Settings
+    runs: Sequence[Path], test: Sequence[Path], robot: Any, settings: Config
 ) -> tuple[list[RunFile], list[RunFile]]:
     """`run_sources` of the runs to learn from and of those to test on, by names that tell all of them apart."""
     from dynid_rs.archive.runs import RunFile
@@ -246,11 +238,9 @@ def parted_sources(
     sources: tuple[list[RunFile], list[RunFile]] = ([], [])
     paths = [*runs, *test]
     for place, (path, name) in enumerate(zip(paths, run_names(paths), strict=True)):
-        n = count_parts(path, robot, settings.config)
+        n = count_parts(path, robot, settings)
         names = [name] if n == 1 else [part_name(name, k, n) for k in range(n)]
-        sources[place >= len(runs)].extend(
-            RunFile(path, of, robot, settings.config, settings.gain_given, k, n) for k, of in enumerate(names)
-        )
+        sources[place >= len(runs)].extend(RunFile(path, of, robot, settings, k, n) for k, of in enumerate(names))
     return sources
 
 

@@ -92,7 +92,7 @@ def estimate(
     run is damaged (q in degrees, say), or if on a joint the error in the band is as large as the torque itself: the
     estimates are of what the file holds.
     """
-    from dynid_rs.archive.runs import no_current
+    from dynid_rs.archive.runs import refuse_gain
     from dynid_rs.base.files import write_table
     from dynid_rs.commands import _adapt_view
     from dynid_rs.commands._inputs import check_cutoff, load_model, model_files, read_settings
@@ -106,12 +106,11 @@ def estimate(
     windows = [_window(text) for text in exclude or []]
     torque_model = load_model(model)
     settings = read_settings(config, drive_gain, torque_model.robot.n_joints)
-    source = read_run(run, torque_model.robot, settings.config, require_torque=False)
+    source = read_run(run, torque_model.robot, settings, require_torque=False)
     recording = source.recording
     if source.split is not None:
         typer.echo(f"{run.name}: {source.split.text}; the longest part is estimated", err=True)
-    if settings.gain_given and "current" not in source.columns.signals:
-        raise no_current(run.name)
+    refuse_gain(source, settings, run.name)
     check_cutoff(cutoff, [recording])
     _check_windows(windows, recording)
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:

@@ -72,7 +72,7 @@ def init(
     if asks and model.choice is not None and base is None and tip is None:
         model, tip = _chain(model, lambda named: read_robot(robot, None, named, gravity, rules, xacro=xacro))
     if drive_gain is not None:
-        rules = read_settings(config, drive_gain, model.n_joints).config
+        rules = read_settings(config, drive_gain, model.n_joints)
     rules = replace(rules, base=base, tip=tip, gravity=tuple(map(float, model.gravity)))
 
     def answer(code: str, proposal: Proposal) -> bool:

@@ -116,6 +116,8 @@ def match_columns(table: Table, joints: Sequence[str], config: Config, *, requir
     if found["tau"] is not None and found["current"] is not None:
         notes.append("current is ignored because torque is read; write `tau = false` under [columns] to use it")
         found["current"] = None
+    if found["tau"] is not None and config.drive_gain is not None:
+        notes.append("drive gains are for currents, and torque is read: they are not used")
     if found["q"] is None:
         raise missing_column(source, "q", joints)
     if require_torque and found["tau"] is None and found["current"] is None:
