@@ -391,6 +391,8 @@ def test_gear_ratios_of_the_robot_count_where_the_config_says_what_they_apply_to
     assert_allclose(read_recording(path, robot, asked).q_motor, q_motor, rtol=1e-15)
     own = config(tmp_path, '[gear]\nratio = [50, 40, 25]\napply_to = ["q_motor"]')
     assert_allclose(read_recording(path, robot, own).q_motor, 2 * q_motor, rtol=1e-15)
+    alone = config(tmp_path, "[gear]\nratio = [50, 40, 25]")
+    assert_allclose(read_recording(path, robot, alone).q_motor, 2 * q_motor, rtol=1e-15)
 
 
 def test_nothing_is_divided_unasked(tmp_path, geared):

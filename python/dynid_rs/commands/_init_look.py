@@ -22,7 +22,7 @@ from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
 from dynid_rs.runs.readers import Config, Run, open_run, read_run
 from dynid_rs.runs.readers.columns import INIT_WRITES, fill, match_columns
-from dynid_rs.runs.readers.config import UNITS, ColumnRule
+from dynid_rs.runs.readers.config import MOTOR_SIDE, UNITS, ColumnRule
 from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.file_words import in_file_words
 from dynid_rs.runs.readers.guess import Guess, guess
@@ -264,7 +264,7 @@ def _gear(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | None
         return None
     rounded = tuple(float(f"{ratio:.6g}") for ratio in ratios)
     listed = ", ".join(f"{ratio:.6g}" for ratio in rounded)
-    rules = replace(found.rules, gear_ratio=rounded, gear_apply_to=("q_motor", "dq_motor", "ddq_motor"))
+    rules = replace(found.rules, gear_ratio=rounded, gear_apply_to=MOTOR_SIDE)
     text = f"q_motor turns {listed} times as far as q: the motors' own turns, not divided by the gear ratios"
     return Proposal("[gear] ratio", list(rounded), f"{runs[0].name}: {text}; the makers' numbers are better", rules)
 

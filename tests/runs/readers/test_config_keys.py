@@ -60,6 +60,11 @@ def test_gears_that_a_robot_has_given_are_given_once(tmp_path):
         left_open.with_gears(None)
 
 
+def test_what_a_ratio_alone_is_applied_to_is_what_the_page_says():
+    (key,) = (key for key in KEYS if key.name == "apply_to")
+    assert key.means.endswith(f"; left out beside `ratio`: {', '.join(Config().gear_apply_to)}")
+
+
 def test_units_are_those_of_the_si():
     told = {
         "time": {

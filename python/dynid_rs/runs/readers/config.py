@@ -18,7 +18,8 @@ gain = [14.9, 13.3]                # N m/A at the joint: currents become torques
 
 [gear]
 ratio = [101.0, 101.0]             # motor turns per joint turn; left out: those of the robot's file
-apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau
+apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau; left out: all
+                                   # but tau, where ratio is given
 
 [motor]
 rotor_inertia = [1.2, 0.9]         # kg m^2 on the link side: the rotor's own times the gear ratio squared
@@ -72,7 +73,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Factor to SI of every unit that a file may use. Velocity follows the angle when it is not given."""
 
-GEARED = ("q_motor", "dq_motor", "ddq_motor", "tau")
+MOTOR_SIDE = ("q_motor", "dq_motor", "ddq_motor")
+"""Signals that a gear ratio alone is applied to."""
+GEARED = (*MOTOR_SIDE, "tau")
 SIGNED = ("q", "q_motor", "tau")
 
 PerJoint = tuple[float, ...]
@@ -119,7 +122,7 @@ class Config:
     units: Mapping[str, str] = field(default_factory=dict)
     drive_gain: PerJoint | None = None
     gear_ratio: PerJoint | None = None
-    gear_apply_to: tuple[str, ...] = ("q_motor", "dq_motor", "ddq_motor")
+    gear_apply_to: tuple[str, ...] = MOTOR_SIDE
     rotor_inertia: PerJoint | None = None
     gear_of_robot: bool = False
     signs: Mapping[str, PerJoint] = field(default_factory=dict)

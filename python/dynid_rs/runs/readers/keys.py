@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from dynid_rs.runs.readers.config import GEARED, SIGNALS, SIGNED, UNITS
+from dynid_rs.runs.readers.config import GEARED, MOTOR_SIDE, SIGNALS, SIGNED, UNITS
 
 Kind = Literal["column", "time_column", "unit", "numbers", "positive", "signs", "signals", "name", "names", "vector"]
 """What a value may be: see `KINDS`."""
@@ -75,8 +75,20 @@ KEYS: tuple[Key, ...] = (
     *(Key("columns", signal, "time_column" if signal == "t" else "column", *_MEANINGS[signal]) for signal in SIGNALS),
     *(Key("units", quantity, "unit", _QUANTITIES[quantity], f'"{list(UNITS[quantity])[1]}"') for quantity in UNITS),
     *(Key("signs", signal, "signs", _SIGNS[signal], "[1, -1, 1]") for signal in SIGNED),
-    Key("gear", "ratio", "positive", "motor turns per joint turn; left out: those of the robot's file", "[101, 101]"),
-    Key("gear", "apply_to", "signals", f"which of {', '.join(GEARED)} are on the motor side", '["q_motor"]'),
+    Key(
+        "gear",
+        "ratio",
+        "positive",
+        "motor turns per joint turn; left out beside `apply_to`: those of the robot's file",
+        "[101, 101]",
+    ),
+    Key(
+        "gear",
+        "apply_to",
+        "signals",
+        f"which of {', '.join(GEARED)} are on the motor side; left out beside `ratio`: {', '.join(MOTOR_SIDE)}",
+        '["q_motor"]',
+    ),
     Key("drive", "gain", "positive", "N m/A at the joint: currents become torques", "[14.9, 13.3]"),
     Key(
         "motor",
