@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from sklearn.exceptions import ConvergenceWarning
 
 from dynid_rs import _core
 from dynid_rs.identification.partially_linear import LinearTerms, fit_beside
@@ -64,6 +65,15 @@ def test_three_loops_beat_least_squares_on_every_joint(seed, method):
     assert np.all(gain >= LEAST_GAIN), gain
     assert np.mean(gain) >= LEAST_MEAN_GAIN, gain
     assert identifier.converged_
+
+
+def test_what_has_not_settled_says_by_how_much_and_what_holds():
+    """The command line has no max_iter: what it can know is how far from settled the loops are."""
+    identifier = ThreeLoopIdentifier(arm().robot, max_iter=2, tol=1e-9)
+    said = r"changed the residual of a joint by \S+ % in round 2 \(0 % is settled\); errors on test runs hold all"
+    with pytest.warns(ConvergenceWarning, match=said):
+        identifier.fit(list(simulate(arm(), n_runs=2, seed=0).recordings))
+    assert not identifier.converged_
 
 
 @pytest.mark.parametrize("seed", SEEDS)
