@@ -33,7 +33,7 @@ def _feed(state: Any, value: object) -> None:
     """Every value with its type and length before it, so that no two contents look alike."""
     if value is None or isinstance(value, bool | int | float | str):
         text = value.hex() if isinstance(value, float) else str(value)
-        _put(state, type(value).__name__, text.encode())
+        _put(state, type(value).__name__, text.encode(errors="surrogatepass"))
     elif isinstance(value, bytes):
         _put(state, "bytes", value)
     elif isinstance(value, np.ndarray):

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.quoting import as_text
+
 
 def to_array(values: NDArray[Any]) -> Any:
     """`pyarrow.Array` of numbers, yes and no, or text (n,); what pyarrow makes of other values."""
@@ -22,7 +24,10 @@ def to_array(values: NDArray[Any]) -> Any:
         bits = pa.py_buffer(np.packbits(values, bitorder="little"))
         return pa.Array.from_buffers(pa.bool_(), len(values), [None, bits])
     if values.dtype.kind == "U" or (values.dtype == object and all(type(value) is str for value in values)):
-        texts = [text.encode() for text in values.tolist()]
+        try:
+            texts = [text.encode() for text in values.tolist()]
+        except UnicodeEncodeError:
+            texts = [as_text(text).encode() for text in values.tolist()]
         ends = np.cumsum([0, *map(len, texts)])
         if ends[-1] <= np.iinfo(np.int32).max:
             offsets, whole = pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(texts))

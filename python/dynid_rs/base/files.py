@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 from collections.abc import Callable, Iterator, Mapping
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.held import held_file, held_folder
 from dynid_rs.base.interrupt import uninterrupted
-from dynid_rs.base.quoting import LONGEST, shown
+from dynid_rs.base.quoting import LONGEST, as_json, as_text, shown
 from dynid_rs.base.together import alone_in, finish_killed, place
 
 if TYPE_CHECKING:
@@ -216,9 +215,9 @@ def _sync(path: Path) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` as UTF-8, whole or not at all."""
+    """Write `text` as UTF-8, with the names of files as text, whole or not at all."""
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.write_text(as_text(text), encoding="utf-8", newline="\n")
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
@@ -237,8 +236,7 @@ def write_json(path: str | os.PathLike[str], obj: object) -> None:
     TypeError
         Something in `obj` is not JSON.
     """
-    text = json.dumps(obj, indent=2, allow_nan=False, default=_plain) + "\n"
-    write_text(path, text)
+    write_text(path, as_json(obj, _plain))
 
 
 def _plain(value: object) -> object:
@@ -276,5 +274,6 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray[A
     if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) > 1:
         raise ValueError(f"columns of one table must be (n,) of one length, got {shapes}")
     table = pa.table({name: to_array(np.asarray(column)) for name, column in columns.items()})
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    # By an open file: pyarrow takes names in UTF-8 alone.
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        pq.write_table(table, file, compression="zstd", write_page_checksum=True)

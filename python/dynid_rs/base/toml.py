@@ -8,7 +8,7 @@ from typing import Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown_ends
+from dynid_rs.base.quoting import file_name, shown_ends
 
 MOST_BYTES = 1 << 20
 """What a person writes by hand is far shorter."""
@@ -24,7 +24,7 @@ def read_toml(path: str | Path, code: str) -> dict[str, Any]:
     OSError
         The file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
+    place, file = check_readable(path), file_name(path)
     if place.stat().st_size > MOST_BYTES:
         raise DataError(f"{file}: is larger than {MOST_BYTES} bytes, expected a short TOML file", file=file)
     try:

@@ -29,7 +29,7 @@ from typing import Any, NoReturn
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
-from dynid_rs.base.quoting import shown_ends, shown_value
+from dynid_rs.base.quoting import file_name, shown_ends, shown_value
 from dynid_rs.commands._job import Job
 
 MOST_BYTES = 16 << 20
@@ -216,4 +216,4 @@ def _refuse_twice(path: Path, key: str, values: list[str]) -> None:
 
 
 def _refuse(path: Path, fault: str) -> NoReturn:
-    raise DataError(f"{path}: {fault}", code="bad_fleet", file=path.name)
+    raise DataError(f"{path}: {fault}", code="bad_fleet", file=file_name(path))

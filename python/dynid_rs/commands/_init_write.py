@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dynid_rs.base.guide import page
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.commands._init_look import Look
 from dynid_rs.runs.readers.columns import fill
 from dynid_rs.runs.readers.config import UNITS
@@ -26,7 +26,7 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
     """Text of the file; `read_config` reads it back to the rules that were found."""
     lines = [
         f"#:schema {SCHEMA_URL}",  # taplo and Even Better TOML look for it in the first line
-        *_comment(f"Written by dynid init for {robot_path.name}, from {', '.join(path.name for path in runs[:6])}."),
+        *_comment(f"Written by dynid init for {file_name(robot_path)}, from {', '.join(map(file_name, runs[:6]))}."),
         *_comment(
             f"Every key is explained in {page('reference/dynid_toml')}. Give this file to commands with --config."
         ),

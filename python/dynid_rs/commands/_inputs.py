@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from dynid_rs.base import interrupt
+from dynid_rs.base.quoting import as_text, file_name
 
 if TYPE_CHECKING:
     from dynid_rs import _core
@@ -56,7 +57,7 @@ def read_robot(
         )
     robot = robot_file.read_robot(place, base=base, tip=tip, gravity=vector, xacro=xacro)
     if robot.choice is not None:
-        typer.echo(f"{path.name}: {robot.choice}", err=True)
+        typer.echo(f"{file_name(path)}: {robot.choice}", err=True)
     return robot
 
 
@@ -249,7 +250,7 @@ def run_names(paths: Sequence[Path]) -> list[str]:
     parts = [path.absolute().parts for path in paths]
     depths = range(1, max(map(len, parts)) + 1)
     depth = next(d for d in depths if len({whole[-d:] for whole in parts}) == len(set(parts)))
-    return ["/".join(whole[-depth:]) for whole in parts]
+    return [as_text("/".join(whole[-depth:])) for whole in parts]
 
 
 def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:

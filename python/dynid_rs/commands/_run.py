@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import functools
-import json
+import io
 import os
 import sys
 import traceback
@@ -19,7 +20,7 @@ from dynid_rs.base import interrupt, room
 from dynid_rs.base.codes import mend_of
 from dynid_rs.base.errors import DamageWarning
 from dynid_rs.base.files import with_sentence
-from dynid_rs.base.quoting import shown_ends
+from dynid_rs.base.quoting import NO_UTF_8, as_json, as_text, is_of_a_name, shown_ends
 
 EXIT_NO = 1
 EXIT_UNUSABLE = 2
@@ -31,6 +32,9 @@ _LONGEST = 1000
 
 _WRITERS = (f"{__package__}.", "typer.", "click.", "rich.")
 """Modules that write to standard output."""
+
+_ESCAPED = "dynid-escaped"
+"""How standard streams take what they have no character for: no answer is lost for the name of a file."""
 
 P = ParamSpec("P")
 
@@ -54,6 +58,8 @@ def sentence(error: BaseException) -> str:
     """Return the text of an error on one line; a bare error of the system becomes a sentence."""
     if isinstance(error, OSError) and error.errno is not None and error.filename is not None:
         error = with_sentence(error, error.filename, "open")
+    if isinstance(error, UnicodeEncodeError) and is_of_a_name(error):
+        return f"{shown_ends(error.object, _LONGEST)}: {NO_UTF_8}"
     return shown_ends(str(error), _LONGEST) or type(error).__name__
 
 
@@ -65,7 +71,7 @@ def print_json(obj: object) -> None:
     OSError
         Standard output is closed, or cannot be written.
     """
-    sys.stdout.write(json.dumps(obj, indent=2, allow_nan=False) + "\n")
+    sys.stdout.write(as_json(obj))
 
 
 def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
@@ -144,6 +150,10 @@ def run_app(app: Callable[[], object]) -> None:
 
     Of wrong use click has said what it is on standard error; with ``--json`` it stands on standard output too.
     """
+    codecs.register_error(_ESCAPED, _escape)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_ESCAPED)
     try:
         app()
     except OSError as error:
@@ -161,6 +171,12 @@ def run_app(app: Callable[[], object]) -> None:
         if words is not None and "--json" in sys.argv[1:]:
             _say_as_json(UsageError(words().removesuffix(".")))
         raise
+
+
+def _escape(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return as_text(error.object[error.start : error.end]).encode("ascii", "backslashreplace").decode(), error.end
 
 
 def _interrupted(how: str = "") -> int:

@@ -10,6 +10,7 @@ import typer
 
 from dynid_rs.base.guide import page
 from dynid_rs.base.numbers import significant
+from dynid_rs.base.quoting import file_name
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 
@@ -109,8 +110,8 @@ def estimate(
     source = read_run(run, torque_model.robot, settings, require_torque=False)
     recording = source.recording
     if source.split is not None:
-        typer.echo(f"{run.name}: {source.split.text}; the longest part is estimated", err=True)
-    refuse_gain(source, settings, run.name)
+        typer.echo(f"{file_name(run)}: {source.split.text}; the longest part is estimated", err=True)
+    refuse_gain(source, settings, file_name(run))
     check_cutoff(cutoff, [recording])
     _check_windows(windows, recording)
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
@@ -122,7 +123,7 @@ def estimate(
     for option, given in (("--adapt", adapt), ("--exclude", exclude), ("--test-from", test_from)):
         if given not in (None, []) and not source.has_torque:
             purpose = "that anything could follow" if option == "--adapt" else "to score"
-            raise ValueError(f"{option}: {run.name} holds no torque {purpose}; leave it out")
+            raise ValueError(f"{option}: {file_name(run)} holds no torque {purpose}; leave it out")
     followed = _adapt_view.adapted(torque_model, recording, adapt, adapt_mass, save_adapted)
     t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
     total, terms, status = torque_model.evaluate(*signals, step=_step(t, torque_model), temperature=temperature)
@@ -165,7 +166,7 @@ def estimate(
         )
         return EXIT_NO if found else 0
     if errors is None:
-        typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
+        typer.echo(f"{file_name(run)} holds no torque; there is nothing to compare the estimate with")
     else:
         for line in _lines(torque_model, errors, told):
             typer.echo(line)

@@ -137,11 +137,12 @@ def _write_mjcf(model: Path, target: Path, *, force: bool) -> Answer:
 
 def _write_header(model: Path, target: Path, name: str | None, *, force: bool) -> Answer:
     from dynid_rs.base.files import write_bytes
+    from dynid_rs.base.quoting import as_text
     from dynid_rs.commands._inputs import load_model, model_files
     from dynid_rs.model.export import c_header, c_prefix
 
     _check_place(target, [*model_files(model)], force=force)
-    prefix = c_prefix(target.stem) if name is None else name
+    prefix = c_prefix(as_text(target.stem)) if name is None else name
     content = c_header(load_model(model), prefix)
     write_bytes(target, content.encode("ascii"))
     answer = {"c_header": str(target), "name": prefix}

@@ -48,7 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.base.quoting import file_name, shown, shown_value
 from dynid_rs.base.toml import read_toml
 from dynid_rs.excitation.collision import SelfCollision
 from dynid_rs.excitation.constraints import PhysicalLimits
@@ -106,7 +106,7 @@ def read_limits(path: str | Path, robot: RobotModel, urdf: str | Path | None = N
     OSError
         The file cannot be opened.
     """
-    return _Parser(Path(path).name, robot, read_toml(path, "bad_limits")).parse(urdf)
+    return _Parser(file_name(path), robot, read_toml(path, "bad_limits")).parse(urdf)
 
 
 @dataclass(frozen=True)

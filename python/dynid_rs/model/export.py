@@ -9,6 +9,7 @@ from typing import Any
 from dynid_rs import _core
 from dynid_rs.base.errors import MissingLibraryError
 from dynid_rs.base.files import check_readable, with_sentence
+from dynid_rs.base.quoting import as_text
 
 
 def urdf(model: _core.TorqueModel, robot: str | os.PathLike[str] | None = None) -> bytes:
@@ -36,7 +37,7 @@ def urdf(model: _core.TorqueModel, robot: str | os.PathLike[str] | None = None) 
     if robot is None:
         return _core.urdf_with_physical(model)
     path = check_readable(robot)
-    return _core.urdf_with_physical(model, _bytes_of(path), source_name=str(path))
+    return _core.urdf_with_physical(model, _bytes_of(path), source_name=as_text(str(path)))
 
 
 def mjcf(model: _core.TorqueModel) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import MissingLibraryError
+from dynid_rs.base.quoting import NO_UTF_8, as_text
 
 FloatArray = NDArray[np.float64]
 
@@ -40,6 +41,8 @@ def urdf_of(path: Path) -> tuple[str, FloatArray]:
     except ImportError:
         raise MissingLibraryError("mujoco", extra="mujoco", purpose="robots out of MuJoCo models") from None
     try:
+        if as_text(str(path)) != str(path):
+            raise ValueError(NO_UTF_8)
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise ValueError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None

@@ -11,6 +11,7 @@ from typing import Any
 from dynid_rs import _core
 from dynid_rs.base.errors import MissingLibraryError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import as_text
 
 _PLACE, _LINE = re.compile(r"^:\d+:\d+: "), re.compile(r" on line \d+")
 """Line and column before a message of the URDF's reader, and a line in it."""
@@ -92,7 +93,7 @@ def expanded(path: Path, arguments: Mapping[str, str], *, asked: bool) -> str:
     except Exception as error:  # xacro raises whatever its expressions raise
         words = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: xacro cannot expand it: {words}") from None
-    return text
+    return as_text(text)  # its first line is a comment with the path
 
 
 def is_mjcf(path: Path) -> bool:
@@ -113,8 +114,8 @@ def _from_text(text: str, path: Path, gravity: Sequence[float] | None, options: 
     if gravity is not None:
         options = options | {"gravity": gravity}
     try:
-        return _core.RobotModel.from_urdf_string(text, source_name=str(path), **options)
+        return _core.RobotModel.from_urdf_string(text, source_name=as_text(str(path)), **options)
     except _core.UrdfError as error:
-        said = str(error).removeprefix(str(path))
+        said = str(error).removeprefix(as_text(str(path)))
         said = _LINE.sub("", _PLACE.sub(": ", said, count=1))
         raise _core.UrdfError(f"{path}, as the URDF made of it{said}") from None

@@ -25,7 +25,7 @@ import numpy as np
 
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.base.quoting import file_name, shown, shown_value
 from dynid_rs.base.toml import read_toml
 from dynid_rs.model.known import KnownTerm
 
@@ -41,7 +41,7 @@ def read_terms(path: str | Path, robot: _core.RobotModel) -> list[KnownTerm]:
     OSError
         The file cannot be opened.
     """
-    return _Parser(Path(path).name, robot).terms(read_toml(path, "bad_terms"))
+    return _Parser(file_name(path), robot).terms(read_toml(path, "bad_terms"))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.arrow_arrays import to_numpy
+from dynid_rs.base.arrow_files import arrow_file
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.base.json_file import read_json
@@ -194,7 +195,7 @@ def _read_signals(path: Path, n_joints: int) -> Signals:
 
     check_readable(path)
     try:
-        table = pq.read_table(path, use_threads=False, memory_map=False)
+        table = pq.read_table(arrow_file(path), use_threads=False)
     except pa.ArrowException as error:
         _refuse(path, f"this is not a readable Parquet file ({' '.join(str(error).split())[:120]})")
     except OSError as error:

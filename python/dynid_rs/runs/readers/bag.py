@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.quoting import shown, shown_names
+from dynid_rs.base.quoting import file_name, shown, shown_names
 from dynid_rs.runs.cells import FloatArray
 from dynid_rs.runs.readers.bag_library import open_bag
 from dynid_rs.runs.readers.columns import fill
@@ -72,7 +72,7 @@ def open_bag_file(path: str | Path, joints: Sequence[str] | None, config: Config
     OSError
         The file cannot be opened.
     """
-    place, file = Path(path), Path(path).name
+    place, file = Path(path), file_name(path)
     kind, sources, topics = _sources(place, file)
     found = [source for source in sources if config.topic in (None, source.topic)]
     if not found:

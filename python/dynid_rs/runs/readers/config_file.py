@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.quoting import shown, shown_ends, shown_value
+from dynid_rs.base.quoting import file_name, shown, shown_ends, shown_value
 from dynid_rs.base.toml import read_toml
 from dynid_rs.runs.readers.config import GEARED, SIGNALS, UNITS, ColumnRule, Config, PerJoint
 from dynid_rs.runs.readers.keys import known_keys
@@ -35,7 +35,7 @@ def read_config(path: str | Path) -> Config:
     OSError
         The file cannot be opened.
     """
-    return _Parser(Path(path).name).config(read_toml(path, "bad_config"))
+    return _Parser(file_name(path)).config(read_toml(path, "bad_config"))
 
 
 def as_config(rules: Rules) -> Config:

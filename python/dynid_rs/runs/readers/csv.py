@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.arrow_arrays import to_numpy
+from dynid_rs.base.arrow_files import arrow_file
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.cells import row_text
 from dynid_rs.runs.readers.stamps import is_date, ticks
 from dynid_rs.runs.readers.table import Columns, Table, Texts, refuse_duplicates
@@ -55,7 +56,7 @@ def open_csv(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    file = Path(path).name
+    file = file_name(path)
     layout = find_layout(text_of(check_readable(path), file))
     names = tuple(name for name in layout.header if name)  # a comma at the end of the line names nothing
     refuse_duplicates(names, file)
@@ -134,7 +135,7 @@ def _body(layout: Layout) -> NativeFile:
 
     text = layout.text
     if layout.delimiter and text.packer is None and text.encoding is None:
-        file = pa.OSFile(str(text.place))
+        file = arrow_file(text.place)
         file.seek(layout.body_offset)
         return file
     with text.read(layout.body_offset) as stream:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.cells import FloatArray
 from dynid_rs.runs.readers.table import Columns, Table, refuse_duplicates, refuse_too_large
 
@@ -57,7 +57,7 @@ def open_diadem(path: str | Path) -> Table:
     OSError
         A file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
+    place, file = check_readable(path), file_name(path)
     refuse_too_large(place.stat().st_size, file)
     with place.open("rb") as stream:
         text = stream.read(MAX_HEADER).decode("cp1252", "replace")

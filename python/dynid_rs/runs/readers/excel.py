@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import zipfile
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError, MissingLibraryError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown, shown_names
+from dynid_rs.base.quoting import file_name, shown, shown_names
 from dynid_rs.runs.readers.config import Config
 from dynid_rs.runs.readers.stamps import is_stamp, ticks
 from dynid_rs.runs.readers.table import Columns, Table, damaged, not_of_kind, refuse_duplicates, refuse_too_large
@@ -38,7 +39,7 @@ def open_excel(path: str | Path, config: Config) -> Table:
     OSError
         The file cannot be opened.
     """
-    file = Path(path).name
+    file = file_name(path)
     place = check_readable(path)
     _check(place, file)
     try:
@@ -46,7 +47,7 @@ def open_excel(path: str | Path, config: Config) -> Table:
     except ImportError:
         raise MissingLibraryError("python_calamine", "io", f"{file}: workbooks") from None
     try:
-        book = python_calamine.CalamineWorkbook.from_path(str(place))
+        book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(place.read_bytes()))
         sheets = list(book.sheet_names)
         wanted = sheets if config.sheet is None else [name for name in sheets if name == config.sheet]
         read = [(name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)) for name in wanted]

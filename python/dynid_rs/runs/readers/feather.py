@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dynid_rs.base.arrow_files import arrow_file
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import file_name
 from dynid_rs.runs.readers.arrow import flat_columns, to_numbers, to_texts
 from dynid_rs.runs.readers.table import Columns, Table, Texts, damaged, not_of_kind, refuse_duplicates, refuse_too_large
 
@@ -24,7 +26,7 @@ def open_feather(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    file = Path(path).name
+    file = file_name(path)
     place = check_readable(path)
     with place.open("rb") as stream:
         head = stream.read(64)
@@ -69,7 +71,7 @@ def open_feather(path: str | Path) -> Table:
 def _opened(place: Path, is_file: bool) -> Any:
     import pyarrow as pa
 
-    source = pa.OSFile(str(place), "rb")
+    source = arrow_file(place)
     return pa.ipc.open_file(source) if is_file else pa.ipc.open_stream(source)
 
 

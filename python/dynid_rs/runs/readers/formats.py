@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import file_name
 from dynid_rs.runs.readers.bag import open_bag_file
 from dynid_rs.runs.readers.config import Config
 from dynid_rs.runs.readers.csv import open_csv
@@ -79,10 +80,10 @@ def open_table(path: str | Path, joints: Sequence[str] | None, config: Config) -
     robot = " (this is a robot or a config, and the robot comes before the runs)"
     hint = robot if suffix in _NO_RUNS else ""
     raise DataError(
-        f"{place.name}: the suffix {place.suffix or '(none)'} is not known; expected a run as {', '.join(SUFFIXES)}, "
-        f"or the folder of a ROS 2 bag or of a LeRobot data set{hint}",
+        f"{file_name(place)}: the suffix {place.suffix or '(none)'} is not known; expected a run as "
+        f"{', '.join(SUFFIXES)}, or the folder of a ROS 2 bag or of a LeRobot data set{hint}",
         code="unknown_suffix",
-        file=place.name,
+        file=file_name(place),
     )
 
 

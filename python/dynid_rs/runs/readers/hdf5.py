@@ -9,7 +9,7 @@ from typing import Any
 
 from dynid_rs.base.errors import DataError, MissingLibraryError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.readers.arrays import columns_of, short_names
 from dynid_rs.runs.readers.table import Columns, Table, as_numbers, damaged, not_of_kind, refuse_too_large
 
@@ -33,7 +33,7 @@ def open_hdf5(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
+    place, file = check_readable(path), file_name(path)
     with place.open("rb") as stream:
         head = stream.read(_MATLAB_HEAD + len(_MAGIC))
     is_matlab = head[_MATLAB_HEAD:] == _MAGIC

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.cells import row_text
 from dynid_rs.runs.readers.stamps import is_stamp, ticks
 from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, Table, Texts, refuse_duplicates
@@ -34,7 +34,7 @@ def open_jsonlines(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    file = Path(path).name
+    file = file_name(path)
     text = text_of(check_readable(path), file)
     first = next(_samples(text), None)
     if first is None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.readers.parquet import open_parquet
 from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, Table, refuse_duplicates, refuse_too_large
 
@@ -59,7 +59,7 @@ def open_lerobot(path: str | Path, info: Path) -> Table:
     OSError
         A file cannot be opened.
     """
-    place, file = Path(path), Path(path).name
+    place, file = Path(path), file_name(path)
     content = _info(info)
     files = sorted(place.glob("data/**/*.parquet"))[:MOST_FILES] if place.is_dir() else [place]
     if not files:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.readers.arrays import columns_of, short_names
 from dynid_rs.runs.readers.hdf5 import open_hdf5, refuse_objects
 from dynid_rs.runs.readers.mat_guard import check_elements
@@ -38,7 +38,7 @@ def open_matlab(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
+    place, file = check_readable(path), file_name(path)
     with place.open("rb") as stream:
         head = stream.read(128)
     if head.startswith(_VERSION_73):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import file_name, shown
 from dynid_rs.runs.readers.table import (
     Columns,
     Table,
@@ -46,7 +46,7 @@ def open_npz(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    file = Path(path).name
+    file = file_name(path)
     place = check_readable(path)
     with place.open("rb") as stream:
         head = stream.read(64)

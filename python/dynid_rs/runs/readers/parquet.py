@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dynid_rs.base.arrow_files import arrow_file
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import file_name
 from dynid_rs.runs.readers.arrow import flat_columns, to_numbers, to_texts
 from dynid_rs.runs.readers.table import Columns, Table, Texts, damaged, not_of_kind, refuse_duplicates, refuse_too_large
 
@@ -25,7 +27,7 @@ def open_parquet(path: str | Path) -> Table:
     OSError
         The file cannot be opened.
     """
-    file = Path(path).name
+    file = file_name(path)
     place = check_readable(path)
     with place.open("rb") as stream:
         head = stream.read(64)
@@ -45,7 +47,7 @@ def open_parquet(path: str | Path) -> Table:
     # Damaged files come back from pyarrow as errors of half a dozen classes, OSError among them; here they
     # are all the same fact. The file itself was opened above.
     try:
-        with pq.ParquetFile(place) as parquet:
+        with pq.ParquetFile(arrow_file(place)) as parquet:
             schema = parquet.schema_arrow
             n_rows = int(parquet.metadata.num_rows)
             refuse_duplicates([str(name) for name in schema.names], file)
@@ -62,7 +64,7 @@ def open_parquet(path: str | Path) -> Table:
         whole = list(dict.fromkeys(flat.sources[name][0] for name in wanted))
         refuse_too_large(8 * n_rows * max(len(wanted), sum(flat.width(name) for name in whole)), file)
         try:
-            with pq.ParquetFile(place, page_checksum_verification=True) as parquet:
+            with pq.ParquetFile(arrow_file(place), page_checksum_verification=True) as parquet:
                 return parquet.read(columns=whole)
         except Exception as error:
             raise damaged("Parquet", error, file) from None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.quoting import file_name
 from dynid_rs.runs.parts import Split, find_parts
 from dynid_rs.runs.readers.columns import ColumnMap, match_columns
 from dynid_rs.runs.readers.config import Config
@@ -93,7 +94,7 @@ class _Opened:
 
 def name_of(source: Source) -> str:
     """How messages call a source."""
-    return "data frame" if is_frame(source) else Path(source).name
+    return "data frame" if is_frame(source) else file_name(source)
 
 
 def open_run(

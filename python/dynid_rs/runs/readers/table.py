@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.quoting import shown
+from dynid_rs.base.quoting import NO_UTF_8, is_of_a_name, shown
 
 MAX_BYTES = 4 * 2**30
 """Columns that would take more memory than this are refused before any of it is taken."""
@@ -130,6 +130,8 @@ MAX_WIDTH = 1000
 
 def damaged(kind: str, error: Exception, file: str) -> DataError:
     """Return the error for a file whose library stumbled: damage comes back as errors of many classes."""
+    if is_of_a_name(error):
+        return DataError(f"{file}: {NO_UTF_8}", code="bad_name", file=file)
     reason = shown(" ".join(str(error).split()) or type(error).__name__, 160)
     return DataError(
         f"{file}: this {kind} file is damaged ({reason}); copy or record it again", code="damaged", file=file

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
+from dynid_rs.base.arrow_files import arrow_file
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.readers.table import damaged, looks_like, refuse_too_large
 
@@ -85,7 +86,7 @@ def _unpacker(place: Path, packer: str) -> Callable[[int], bytes]:
         return gzip.open(place, "rb").read
     import pyarrow as pa
 
-    stream: Any = pa.CompressedInputStream(pa.OSFile(str(place), "rb"), "zstd")
+    stream: Any = pa.CompressedInputStream(arrow_file(place), "zstd")
     return lambda size: bytes(stream.read(size))
 
 
