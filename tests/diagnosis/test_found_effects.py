@@ -164,9 +164,10 @@ def test_effects_are_one_family_where_they_may_be_the_same_at_the_same_places():
 
 def test_something_without_a_name():
     depends = [{"signal": "q_elbow", "strength": 0.93, "direct": True}]
-    one = effect(kind="unknown", told_as="stribeck", parameters=[], depends_on=depends)
+    one = effect(kind="unknown", told_as="stribeck", depends_on=depends)
     assert (one.kind, one.kinds, one.name, one.is_unknown) == ("unknown", (), "unknown", True)
-    assert str(one) == "unknown on elbow, depends on q_elbow (0.93)"
+    assert str(one) == "unknown on elbow, depends on q_elbow (0.93)"  # not the numbers of the law that stands in
+    assert one.parameters
     assert (one.depends_on[0].signal, one.depends_on[0].strength) == ("q_elbow", 0.93)
 
 

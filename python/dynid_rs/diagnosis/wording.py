@@ -80,8 +80,12 @@ def kinds_words(entry: Result) -> str:
 
 
 def effect_words(entry: Result, joints: Sequence[str], *, intervals: bool = False) -> str:
-    """An effect, its place and its numbers; `joints` are all joints of the robot."""
-    said = [number for number in entry.get("parameters") or () if number["name"] != "side"]  # by the neighbour's name
+    """An effect, its place and its numbers; `joints` are all joints of the robot.
+
+    Of one without a name no numbers: they are those of the law that stands in for it, and mean nothing by themselves.
+    """
+    numbers_of = entry.get("parameters") or () if kinds_said(entry) else ()
+    said = [number for number in numbers_of if number["name"] != "side"]  # by the neighbour's name
     numbers = ", ".join(number_words(number, interval=intervals) for number in said)
     under = under_words(entry, joints)
     depends = "" if kinds_said(entry) else _depends(entry)
