@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.units import angle_units
+from dynid_rs.base.units import angle_units, torque_of
 from dynid_rs.identification.loads import link_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
@@ -78,8 +78,7 @@ class Gear:
     @property
     def load_unit(self) -> str:
         """Unit of `load`: that of the joint's channel."""
-        kind = self.fit.robot.joint_kinds[self.joint]
-        return "N" if (kind, self.fit.torque_unit_) == ("prismatic", "N*m") else self.fit.torque_unit_
+        return torque_of(self.fit.torque_unit_, self.fit.robot.joint_kinds[self.joint])
 
     @property
     def angle_unit(self) -> str:
