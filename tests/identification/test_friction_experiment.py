@@ -41,6 +41,8 @@ COEFFICIENT = 0.02
 """Largest relative error of a Coulomb or viscous coefficient, either direction, any order."""
 FLOOR = 1.2
 """Largest error of the friction torque over its noise floor."""
+SMALL = 2e-4
+"""Errors of the friction torque over itself that no friction search needs to be better than."""
 REVERSAL = 0.05
 """Speeds next to a reversal [rad/s]."""
 
@@ -340,10 +342,15 @@ def averages():
 
 @pytest.mark.parametrize("j", JOINTS)
 def test_over_all_speeds_friction_is_as_exact_as_an_oracles(j):
-    """Against a fit of the same data that knows lambda and eps and has only the coefficients to find."""
+    """Against a fit of the same data that knows lambda and eps and has only the coefficients to find.
+
+    Where that is better than a five-thousandth of the torque, what the samples leave open of lambda is more.
+    """
     ours, oracle = errors_at(identified(), j, TOP[j])[0], errors_at(identified(True), j, TOP[j])[0]
+    size = np.sqrt(np.mean(true_torque(j, np.linspace(-TOP[j], TOP[j], 4001)) ** 2))
     print(f"\njoint {j}, all speeds: {ours:.4f} N m, oracle {oracle:.4f} N m, ratio {ours / oracle:.2f}")
-    assert ours < FLOOR * oracle
+    assert ours < max(FLOOR * oracle, SMALL * size)
+    assert ours < FLOOR * SMALL * size
 
 
 @pytest.mark.parametrize("j", JOINTS)
