@@ -228,6 +228,16 @@ def test_drive_gains_and_the_chain_are_asked_for(tmp_path):
     assert tomllib.loads((tmp_path / "same.toml").read_text()) == written
 
 
+def test_gains_of_a_file_that_holds_torque_are_not_written(tmp_path):
+    """They are for currents, and `identify` refuses them beside torque."""
+    robot, columns = write_robot(tmp_path), run(0)
+    path = write_csv(tmp_path / "run.csv", {**as_current(columns), **columns})
+    answer = dynid("init", robot, path, "--drive-gain", "20", "-o", tmp_path / "dynid.toml")
+    assert answer.exit_code == 0, answer.output
+    assert "they are not used" in answer.output
+    assert tomllib.loads((tmp_path / "dynid.toml").read_text()).get("drive", {}) == {}
+
+
 def test_scripts_accept_a_question_by_its_code(tmp_path):
     words = ("init", *inverted(tmp_path), "-o", tmp_path / "dynid.toml")
     assert "--accept must be one of torque_flipped" in refusal(dynid(*words, "--accept", "anything"))

@@ -116,6 +116,10 @@ def look(
     ]
     found.notes += told(found.runs)
     signals = found.runs[0].columns.signals
+    if "tau" in signals and found.rules.drive_gain is not None:
+        found.rules = replace(
+            found.rules, drive_gain=None
+        )  # for currents alone: other commands refuse it beside torque
     if "current" in signals and "tau" not in signals and found.rules.drive_gain is None:
         found.notes.append(f"{shown(signals['current'][0])}, ... are {CURRENTS}")
     found.notes = list(dict.fromkeys(found.notes))
@@ -155,8 +159,6 @@ def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
         try:
             match_columns(table, joints, guessed)
         except DataError as error:
-            if error.code == "unknown_unit":
-                raise
             raise DataError(
                 f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
                 f"({page('reference/dynid_toml')})",

@@ -318,7 +318,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     tau = linear(recording.t, recording.tau, grid)
     step = thinned if link.exact else thinned * max(1, int(kept / (WORK_RATE * band.cutoff)))
     if step > 1:
-        tau = band.apply(tau, rate, 0.4 * rate / step)
+        tau = band.apply(tau, rate, max(0.4 * rate / step, 2 * band.cutoff))
     reference: list[FloatArray] | None = None
     if recording.q_reference is not None:
         asked = side_of(recording, "q_reference", grid, band, rate)

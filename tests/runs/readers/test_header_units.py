@@ -6,7 +6,10 @@ import pytest
 from scipy import constants
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.findings import Finding
 from dynid_rs.runs.readers import open_run, read_recording, read_run
+from dynid_rs.runs.readers.columns import ColumnMap
+from dynid_rs.runs.readers.file_words import in_file_words
 
 JOINTS = ["a", "b"]
 ROWS = np.arange(50)
@@ -77,36 +80,50 @@ def test_ordinary_units_are_followed_in_a_data_frame():
 
 
 UNKNOWN = {
-    "torque": (
-        {"tau": (" [furlong]", 1.0)},
-        "the unit 'furlong' of column tau_0 [furlong] is not known for tau; write",
+    "torque": ({"tau": (" [furlong]", 1.0)}, "tau", "furlong, beside column {}, is no unit that is known, and tau is"),
+    "angle": (
+        {"q": (" [counts]", 1.0)},
+        "q",
+        "counts, beside column {}, is no unit that is known, and q is read in rad",
     ),
-    "angle": ({"q": (" [counts]", 1.0)}, "the unit 'counts' of column q_0 [counts] is not known for q; write"),
-    "time": (
-        {"t": (" (ticks)", 1.0)},
-        "the unit 'ticks' of column t (ticks) is not known for t; write it in one of s, ms",
-    ),
-    "one joint": ({"q_1": (" [counts]", 1.0)}, "the unit 'counts' of column q_1 [counts] is not known for q"),
-    "another quantity": ({"q": (" [Nm]", 1.0)}, "the unit 'Nm' of column q_0 [Nm] is not known for q"),
+    "time": ({"t": (" (ticks)", 1.0)}, "t", "ticks, beside column {}, is no unit that is known, and t is read in s"),
+    "comment": ({"q": (" (joint)", 1.0)}, "q", "joint, beside column {}, is no unit that is known"),
 }
 
 
-@pytest.mark.parametrize(("units", "said"), UNKNOWN.values(), ids=UNKNOWN)
+@pytest.mark.parametrize(("units", "signal", "said"), UNKNOWN.values(), ids=UNKNOWN)
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_an_unknown_unit_is_refused(units, said, suffix, tmp_path):
-    with pytest.raises(DataError) as caught:
-        read_recording(write(tmp_path / f"run{suffix}", table(units)), JOINTS)
-    assert said in str(caught.value)
-    assert caught.value.code == "unknown_unit"
+def test_an_unknown_unit_is_said(units, signal, said, suffix, tmp_path):
+    frame = table(units)
+    columns = [name for name in frame if name.split(" ")[0].split("_")[0] == signal]
+    rule = columns[0] if signal == "t" else columns
+    run = read_run(write(tmp_path / f"run{suffix}", frame), JOINTS, {"columns": {signal: rule}})
+    same(run.recording)
+    (finding,) = [one for one in run.findings() if one.code == "unknown_unit"]
+    assert (finding.severity, finding.column) == ("warning", columns[0])
+    assert said.format(columns[0]) in finding.message
 
 
-def test_an_unknown_unit_is_refused_in_a_mapped_column_unless_the_rules_say_the_unit(tmp_path):
+def test_a_unit_that_the_rules_say_is_that(tmp_path):
     path = write(tmp_path / "run.csv", table({"tau": (" [furlong]", 1.0)}, {"tau_0": "M_1", "tau_1": "M_2"}))
-    for rule in ("M_{n} [furlong]", "M_{n}", ["M_1 [furlong]", "M_2 [furlong]"]):
-        with pytest.raises(DataError, match=r"the unit 'furlong' of column M_1 \[furlong\] is not known for tau"):
-            read_recording(path, JOINTS, {"columns": {"tau": rule}})
-    run = read_recording(path, JOINTS, {"columns": {"tau": "M_{n} [furlong]"}, "units": {"torque": "mN*m"}})
-    np.testing.assert_allclose(1e3 * run.tau[:, 0], SI["tau_0"])
+    rules = {"columns": {"tau": "M_{n} [furlong]"}, "units": {"torque": "mN*m"}}
+    run = read_run(path, JOINTS, rules)
+    np.testing.assert_allclose(1e3 * run.recording.tau[:, 0], SI["tau_0"])
+    assert "unknown_unit" not in {finding.code for finding in run.findings()}
+
+
+def test_the_unit_of_another_quantity_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"Nm, the unit of column q_0 \[Nm\], is none of q; write it in one of rad"):
+        read_recording(write(tmp_path / "run.csv", table({"q": (" [Nm]", 1.0)})), JOINTS)
+
+
+@pytest.mark.parametrize("other", ["inc", "raw"])
+@pytest.mark.parametrize("space", ["", " "])
+def test_a_column_in_a_known_unit_goes_before_one_in_another(other, space, tmp_path):
+    frame = table({"q": (f"{space}[deg]", constants.degree)})
+    for joint in range(2):
+        frame[f"q_{joint}{space}[{other}]"] = 7.0 * ROWS
+    same(read_recording(write(tmp_path / "run.csv", frame), JOINTS))
 
 
 def test_an_unknown_unit_of_what_is_not_read_is_nobodys_concern(tmp_path):
@@ -117,8 +134,9 @@ def test_an_unknown_unit_of_what_is_not_read_is_nobodys_concern(tmp_path):
 def test_temperatures_are_in_degrees_celsius_or_left_out(tmp_path):
     also = {"temperature_0": 300.0 + ROWS, "temperature_1": 300.0 + ROWS}
     path = write(tmp_path / "run.csv", table({"temperature": (" [K]", 1.0)}, also=also))
-    with pytest.raises(DataError, match=r"'K' of column temperature_0 \[K\] .*write it in degC, or leave it out"):
-        read_recording(path, JOINTS, {"columns": {"temperature": "temperature_{i}"}})
+    rules = {"columns": {"temperature": ["temperature_0 [K]", "temperature_1 [K]"]}}
+    said = [one.message for one in read_run(path, JOINTS, rules).findings() if one.code == "unknown_unit"]
+    assert ["write it in degC, or leave it out" in text for text in said] == [True]
     same(read_recording(path, JOINTS, {"columns": {"temperature": False}}))
 
 
@@ -204,3 +222,13 @@ def test_a_velocity_may_be_an_angle_a_second_or_that_of_a_slide(unit, factor, tm
     also = {f"dq_{joint}": np.gradient(SI[f"q_{joint}"], SI["t"]) for joint in range(2)}
     run = read_recording(write(tmp_path / "run.csv", table({"dq": (f" {unit}", factor)}, also=also)), JOINTS)
     np.testing.assert_allclose(run.dq[:, 1], also["dq_1"], rtol=1e-9, atol=1e-9)
+
+
+def test_a_file_that_is_called_like_a_channel_keeps_its_name():
+    columns = ColumnMap("t", {"q": ("Winkel A", "Winkel B")}, ())
+    finding = Finding(
+        "copied", "warning", "all of q_0 and q_1. are in q_0.csv, a/q_0 and run-q_1 too", "q_1.csv", "q_1"
+    )
+    told = in_file_words(finding, columns)
+    assert told.message == "all of Winkel A and Winkel B. are in q_0.csv, a/q_0 and run-q_1 too"
+    assert told.column == "Winkel B"

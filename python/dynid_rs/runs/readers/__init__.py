@@ -72,6 +72,7 @@ class Run:
         """What is to be said of how the file was read; `name` stands for its own in messages."""
         name = self.recording.name if name is None else name
         found = [Finding("read_as", "info", note, name) for note in self.columns.notes]
+        found += [Finding("unknown_unit", "warning", text, name, column) for column, text in self.columns.unknown_units]
         if self._are_radians():
             text = (
                 '[units] angle is "deg", and no joint goes beyond 6.3 of them; if they are radians, take the rule out'

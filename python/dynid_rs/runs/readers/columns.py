@@ -9,9 +9,7 @@ from itertools import product
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.runs.readers.config import Config
-from dynid_rs.runs.readers.measures import unknown_unit
 from dynid_rs.runs.readers.table import Table
-from dynid_rs.runs.readers.units import in_brackets, may_be_unit
 
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "t": ("t", "time", "timestamp"),
@@ -45,12 +43,15 @@ class ColumnMap:
         All other columns.
     notes : tuple of str
         Sentences about what was read as what, and about columns that could have been read and were not.
+    unknown_units : tuple of (str, str)
+        Columns beside which something stands that may be a unit and is none that is known, with a sentence each.
     """
 
     time: str
     signals: Mapping[str, tuple[str, ...]]
     ignored: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    unknown_units: tuple[tuple[str, str], ...] = ()
 
     def with_notes(self, *notes: str) -> ColumnMap:
         """Return the same columns with more to be said, first."""
@@ -80,14 +81,6 @@ class FileColumns:
     def has(self) -> str:
         """Say what the file has, in its own words."""
         return f"the file has {shown_names([self.table.written.get(name, name) for name in self.names])}"
-
-    def under_unknown_unit(self, names: Sequence[str], signal: str) -> DataError | None:
-        """Return the error for one of `names` that the file has with a unit that nobody knows; None if it has none."""
-        for own in self.names:
-            found = in_brackets(own)
-            if found is not None and found[0] in names and may_be_unit(found[1]):
-                return unknown_unit(self.table.file, own, found[1], signal)
-        return None
 
 
 def match_columns(table: Table, joints: Sequence[str], config: Config, *, require_torque: bool = True) -> ColumnMap:
@@ -146,7 +139,7 @@ def _time(source: FileColumns) -> str:
             present[1],
         )
     if not present:
-        raise source.under_unknown_unit(wanted, "t") or source.fault(
+        raise source.fault(
             "missing_column",
             f"the time column is missing, expected {' or '.join(map(shown, wanted))}{' [s]' if rule is None else ''}; "
             f"{source.has()}; "
@@ -239,7 +232,7 @@ def _listed(source: FileColumns, signal: str, rule: tuple[str, ...], joints: Seq
         raise source.fault("bad_config", f"{source.config.source} lists a column of {signal} twice", signal)
     lacking = [name for name in rule if name not in source.names]
     if lacking:
-        raise source.under_unknown_unit(lacking, signal) or source.fault(
+        raise source.fault(
             "missing_column",
             f"column {shown(lacking[0])} is missing, which {source.config.source} names for {signal}; {source.has()}",
             lacking[0],
@@ -308,7 +301,7 @@ def missing_column(
         mend = "give the robot of this run, or add the column"
     else:
         mend = f'map it in dynid.toml, e.g. [columns] {signal} = "actual_{signal}_{{i}}"{INIT_WRITES}'
-    return source.under_unknown_unit(names, signal) or source.fault(
+    return source.fault(
         "missing_column",
         f"column {' or '.join(map(shown, names))} is missing ({signal} of joint "
         f"{shown(joint)}{also}){there}; "

@@ -9,7 +9,7 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.columns import ColumnMap
 
-_CHANNEL = re.compile(r"(?<![\w.])(d{0,2}q(?:_motor)?|q_reference|tau|temperature)_(\d+)(?!\w)")
+_CHANNEL = re.compile(r"(?<![\w./-])(d{0,2}q(?:_motor)?|q_reference|tau|temperature)_(\d+)(?![\w.]*\w)")
 
 
 def in_file_words(finding: Finding, columns: ColumnMap) -> Finding:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -17,8 +16,15 @@ def plain_names(table: Table) -> Table:
     Two columns that only their units tell apart keep them: `q_0 [deg]` beside `q_0 [rad]`. So do members of an array
     that are called by their joints: `position[a]` is in no ampere.
     """
-    stems = Counter(map(stem_of, table.names))
-    told = {name: pair for name in table.names if (pair := without_unit(name))[1] is not None and stems[pair[0]] == 1}
+    stems: dict[str, list[str]] = {}
+    for name in table.names:
+        stems.setdefault(stem_of(name), []).append(name)
+    told = {}
+    for name in table.names:
+        plain, unit = without_unit(name)
+        others = [other for other in stems.get(plain, ()) if other != name]
+        if unit is not None and (not others or _is_alone(plain, unit, others)):
+            told[name] = plain, unit
     if not told:
         return table
     written = {plain: name for name, (plain, _) in told.items()}
@@ -36,21 +42,26 @@ def plain_names(table: Table) -> Table:
         read = texts(own(wanted))
         return {name: read[written.get(name, name)] for name in wanted}
 
-    def plain(names: Sequence[str] | frozenset[str]) -> list[str]:
+    def plainly(names: Sequence[str] | frozenset[str]) -> list[str]:
         return [told[name][0] if name in told else name for name in names]
 
     # What a row below the header says goes before what stands in it.
-    units = {pair[0]: table.units.get(name, pair[1] or "") for name, pair in told.items()}
+    units = {pair[0]: table.units.get(name, pair[1]) for name, pair in told.items()}
     return replace(
         table,
-        names=tuple(plain(table.names)),
+        names=tuple(plainly(table.names)),
         load=load,
         units={**table.units, **units},
-        stamps=frozenset(plain(table.stamps)),
+        stamps=frozenset(plainly(table.stamps)),
         texts=None if texts is None else load_texts,
-        lists=tuple(plain(table.lists)),
+        lists=tuple(plainly(table.lists)),
         written=written,
     )
+
+
+def _is_alone(plain: str, unit: str, others: Sequence[str]) -> bool:
+    """Whether of columns that are called alike only one has a unit; a letter may as well be a member's name."""
+    return len(unit) > 1 and plain not in others and all(without_unit(other)[1] is None for other in others)
 
 
 def by_plain_names(config: Config, written: Mapping[str, str]) -> Config:

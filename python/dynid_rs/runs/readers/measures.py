@@ -1,4 +1,4 @@
-"""What the columns of a signal may be measured in, and the refusal of a unit that is none of these."""
+"""What the columns of a signal may be measured in, and what is said of a unit that is none of these."""
 
 from __future__ import annotations
 
@@ -30,19 +30,30 @@ def measured(signal: str, told: tuple[str, str]) -> tuple[str, str]:
     return told
 
 
-def unknown_unit(file: str, column: str, unit: str, signal: str) -> DataError:
-    """Return the error for a column in a unit that is not known for its signal; `column` as the file calls it."""
-    if signal == "temperature":
-        mend = f"write it in degC, or leave it out in dynid.toml: [columns] {signal} = false"
-    else:
-        keys = [quantity for quantity in QUANTITIES[signal] if quantity in UNITS]
-        behind = "/s" if signal.startswith("d") else ""
-        units = [unit + (behind if key == "length" else "") for key in keys for unit in UNITS[key]]
-        of = " or ".join(f"[units] {key}" for key in keys)
-        mend = f"write it in one of {', '.join(units)}, or say in dynid.toml which of them it is: {of}"
+def other_unit(file: str, column: str, unit: str, signal: str) -> DataError:
+    """Return the error for a column in a unit of another quantity; `column` as the file calls it."""
     return DataError(
-        f"{file}: the unit {shown(unit)!r} of column {shown(column)} is not known for {signal}; {mend}",
+        f"{file}: {shown(unit)}, the unit of column {shown(column)}, is none of {signal}; {_mend(signal)}",
         code="unknown_unit",
         file=file,
         column=column,
     )
+
+
+def unknown_unit(column: str, unit: str, signal: str) -> str:
+    """Return the sentence on a column beside which something stands that may be a unit, and none that is known."""
+    read = {"t": "s", "temperature": "degC"}.get(signal) or next(iter(UNITS[QUANTITIES[signal][0]]))
+    return (
+        f"{shown(unit)}, beside column {shown(column)}, is no unit that is known, and {signal} is read in {read}; "
+        f"if it is a unit, {_mend(signal)}"
+    )
+
+
+def _mend(signal: str) -> str:
+    if signal == "temperature":
+        return f"write it in degC, or leave it out in dynid.toml: [columns] {signal} = false"
+    keys = [quantity for quantity in QUANTITIES[signal] if quantity in UNITS]
+    behind = "/s" if signal.startswith("d") else ""
+    units = [unit + (behind if key == "length" else "") for key in keys for unit in UNITS[key]]
+    of = " or ".join(f"[units] {key}" for key in keys)
+    return f"write it in one of {', '.join(units)}, or say in dynid.toml which of them it is: {of}"

@@ -9,7 +9,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config
-from dynid_rs.runs.readers.measures import QUANTITIES, measured, unknown_unit
+from dynid_rs.runs.readers.measures import QUANTITIES, measured, other_unit, unknown_unit
 from dynid_rs.runs.readers.table import Table
 from dynid_rs.runs.readers.units import in_brackets, may_be_unit, unit_in_name, unit_of
 
@@ -43,16 +43,17 @@ def adopt_units(found: ColumnMap, table: Table, config: Config, joints: Sequence
     Raises
     ------
     DataError
-        A unit is not known; columns of one quantity are in different units; a torque is in percent of nobody knows
-        what.
+        A unit is that of another quantity; columns of one quantity are in different units; a torque is in percent of
+        nobody knows what.
     """
     file = table.file
     adopted: dict[str, tuple[str, str, str]] = {}
-    signals, notes = dict(found.signals), []
+    signals, notes, unknown = dict(found.signals), list[str](), dict[str, tuple[str, str]]()
     for signal, names in (("t", (found.time,)), *found.signals.items()):
         for name in names:
             word = _said(name, names, table, joints)
-            _refuse_unknown(signal, name, word, table, config)
+            if signal not in unknown and (said := _unknown(signal, name, word, table, config)):
+                unknown[signal] = name, said
             quantity, unit = _unit(signal, name, word)
             if quantity not in QUANTITIES.get(signal, ()) or signal == "temperature":
                 continue
@@ -80,7 +81,8 @@ def adopt_units(found: ColumnMap, table: Table, config: Config, joints: Sequence
     not_si = [f"{quantity} in {unit}" for quantity, unit in new.items() if Config(units=new).factor(quantity) != 1.0]
     if not_si:
         notes.append(f"{', '.join(not_si)}, as the file's own header says")
-    return Told(replace(found, signals=signals), replace(config, units={**config.units, **new}), tuple(notes))
+    columns = replace(found, signals=signals, unknown_units=tuple(unknown.values()))
+    return Told(columns, replace(config, units={**config.units, **new}), tuple(notes))
 
 
 def _said(name: str, names: Sequence[str], table: Table, joints: Sequence[str]) -> str | None:
@@ -93,15 +95,25 @@ def _said(name: str, names: Sequence[str], table: Table, joints: Sequence[str]) 
     return found[1] if unit_of(found[1]) or (one and may_be_unit(found[1])) else None
 
 
-def _refuse_unknown(signal: str, name: str, word: str | None, table: Table, config: Config) -> None:
-    """Refuse a unit that is none of its signal's, where `config` does not say the unit; dates need none."""
+def _unknown(signal: str, name: str, word: str | None, table: Table, config: Config) -> str:
+    """What is to be said of a unit that nobody knows, where `config` does not say the unit; dates need none.
+
+    Raises
+    ------
+    DataError
+        It is the unit of another quantity.
+    """
     quantities = QUANTITIES.get(signal, ())
     told = None if word is None else unit_of(word)
     known = told is not None and measured(signal, told)[0] in ("", *quantities)
     if not quantities or word is None or known or name in table.stamps:
-        return
-    if not any(quantity in config.units for quantity in quantities):
-        raise unknown_unit(table.file, table.written.get(name, name), word, signal)
+        return ""
+    if any(quantity in config.units for quantity in quantities):
+        return ""
+    column = table.written.get(name, name)
+    if told is not None:
+        raise other_unit(table.file, column, word, signal)
+    return unknown_unit(column, word, signal)
 
 
 def _quantity(signal: str, names: Sequence[str], table: Table, joints: Sequence[str]) -> str | None:

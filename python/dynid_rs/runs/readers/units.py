@@ -19,8 +19,18 @@ _SPELLINGS: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("angle", "deg"): ("deg", "degs", "°", "degree", "degrees", "grad", "grd"),
     ("angle", "mrad"): ("mrad", "milliradian", "milliradians"),
     ("angle", "rev"): ("rev", "revs", "revolution", "revolutions", "turn", "turns"),
-    ("velocity", "rad/s"): ("rad/s", "rad/sec", "rad s^-1", "rad s⁻¹", "radians/s"),
-    ("velocity", "deg/s"): ("deg/s", "°/s", "deg/sec", "°/sec", "grad/s", "degrees/s", "deg s^-1", "deg s⁻¹"),
+    ("velocity", "rad/s"): ("rad/s", "rad/sec", "rad s^-1", "rad s-1", "rad s⁻¹", "radians/s"),
+    ("velocity", "deg/s"): (
+        "deg/s",
+        "°/s",
+        "deg/sec",
+        "°/sec",
+        "grad/s",
+        "degrees/s",
+        "deg s^-1",
+        "deg s-1",
+        "deg s⁻¹",
+    ),
     ("velocity", "rpm"): ("rpm", "1/min", "u/min", "r/min", "rev/min", "min^-1", "min⁻¹"),
     ("velocity", "mrad/s"): ("mrad/s",),
     ("velocity", "rev/s"): ("rev/s", "turns/s"),
@@ -54,6 +64,8 @@ def _plain(text: str) -> str:
 
 _OF = {_plain(word): unit for unit, words in _SPELLINGS.items() for word in words}
 _BRACKETED = re.compile(r"^(.*?)(\s*)[\[(]([^\[\]()]{1,24})[\])]$")
+_LABEL = re.compile(r"[^\W\d]+[ _-]?\d+", re.ASCII)
+"""What counts channels: `A1`, `Axis 3`."""
 _TAILS = (
     "ms",
     "us",
@@ -98,7 +110,7 @@ def without_unit(name: str) -> tuple[str, str | None]:
 
 def may_be_unit(text: str) -> bool:
     """Whether what stands in brackets may be a unit that nobody knows: no word that tells which channel it is."""
-    return not meanings(text) and not roles(text)
+    return not meanings(text) and not roles(text) and _LABEL.fullmatch(text) is None
 
 
 def stem_of(name: str) -> str:
