@@ -231,10 +231,8 @@ def write_json(path: str | os.PathLike[str], obj: object) -> None:
 
     Raises
     ------
-    ValueError
-        NaN or infinity somewhere in `obj`: JSON has no word for it.
-    TypeError
-        Something in `obj` is not JSON.
+    ValueError, TypeError
+        As `as_json`.
     """
     write_text(path, as_json(obj, _plain))
 

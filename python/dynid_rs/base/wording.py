@@ -24,6 +24,7 @@ QUANTITY_WORDS = {
     "deflection": "motor minus link angle",
 }
 """What a curve shows, by the word that ``result.json`` has for it."""
+
 ANOTHER_FUNCTION = "another_function_of_the_position"
 """Kind of a tie: what a law of a joint's position is not told from where a function without a name does as well."""
 

@@ -42,7 +42,7 @@ def write(path, frame):
     return path
 
 
-def same(run):
+def assert_same(run):
     np.testing.assert_allclose(run.t, SI["t"], rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(run.q, np.column_stack([SI["q_0"], SI["q_1"]]), rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(run.tau, np.column_stack([SI["tau_0"], SI["tau_1"]]), rtol=1e-10, atol=1e-10)
@@ -71,12 +71,12 @@ KNOWN = [
 def test_ordinary_units_are_followed_in_every_format(signal, unit, factor, suffix, tmp_path):
     path = write(tmp_path / f"run{suffix}", table({signal: (f" {unit}", factor)}))
     run = read_run(path, JOINTS)
-    same(run.recording)
+    assert_same(run.recording)
     assert run.columns.used() == tuple(SI)
 
 
 def test_ordinary_units_are_followed_in_a_data_frame():
-    same(read_recording(table({"t": (" [ms]", 1e-3), "q": ("[deg]", constants.degree)}), JOINTS))
+    assert_same(read_recording(table({"t": (" [ms]", 1e-3), "q": ("[deg]", constants.degree)}), JOINTS))
 
 
 UNKNOWN = {
@@ -98,7 +98,7 @@ def test_an_unknown_unit_is_said(units, signal, said, suffix, tmp_path):
     columns = [name for name in frame if name.split(" ")[0].split("_")[0] == signal]
     rule = columns[0] if signal == "t" else columns
     run = read_run(write(tmp_path / f"run{suffix}", frame), JOINTS, {"columns": {signal: rule}})
-    same(run.recording)
+    assert_same(run.recording)
     (finding,) = [one for one in run.findings() if one.code == "unknown_unit"]
     assert (finding.severity, finding.column) == ("warning", columns[0])
     assert said.format(columns[0]) in finding.message
@@ -123,12 +123,12 @@ def test_a_column_in_a_known_unit_goes_before_one_in_another(other, space, tmp_p
     frame = table({"q": (f"{space}[deg]", constants.degree)})
     for joint in range(2):
         frame[f"q_{joint}{space}[{other}]"] = 7.0 * ROWS
-    same(read_recording(write(tmp_path / "run.csv", frame), JOINTS))
+    assert_same(read_recording(write(tmp_path / "run.csv", frame), JOINTS))
 
 
 def test_an_unknown_unit_of_what_is_not_read_is_nobodys_concern(tmp_path):
     also = {"force_0": ROWS * 1.0}
-    same(read_recording(write(tmp_path / "run.csv", table({"force": (" [furlong]", 1.0)}, also=also)), JOINTS))
+    assert_same(read_recording(write(tmp_path / "run.csv", table({"force": (" [furlong]", 1.0)}, also=also)), JOINTS))
 
 
 def test_temperatures_are_in_degrees_celsius_or_left_out(tmp_path):
@@ -137,7 +137,7 @@ def test_temperatures_are_in_degrees_celsius_or_left_out(tmp_path):
     rules = {"columns": {"temperature": ["temperature_0 [K]", "temperature_1 [K]"]}}
     said = [one.message for one in read_run(path, JOINTS, rules).findings() if one.code == "unknown_unit"]
     assert ["write it in degC, or leave it out" in text for text in said] == [True]
-    same(read_recording(path, JOINTS, {"columns": {"temperature": False}}))
+    assert_same(read_recording(path, JOINTS, {"columns": {"temperature": False}}))
 
 
 @pytest.mark.parametrize(
@@ -154,14 +154,14 @@ def test_what_stands_in_brackets_and_names_a_channel_is_no_unit(q, tau, tmp_path
             for i, joint in enumerate(JOINTS)
         }
     )
-    same(read_recording(write(tmp_path / "run.csv", frame), JOINTS, rules))
+    assert_same(read_recording(write(tmp_path / "run.csv", frame), JOINTS, rules))
 
 
 def test_dates_need_no_unit(tmp_path):
     frame = table()
     frame["t"] = [f"2024-05-01T12:00:{k / 100:09.6f}" for k in ROWS]
     path = write(tmp_path / "run.csv", frame.rename(columns={"t": "stamp [UTC]"}))
-    same(read_recording(path, JOINTS, {"columns": {"t": "stamp [UTC]"}}))
+    assert_same(read_recording(path, JOINTS, {"columns": {"t": "stamp [UTC]"}}))
 
 
 GERMAN = {"t": "Zeit", "q_0": "Achse 1 Ist", "q_1": "Achse 2 Ist", "tau_0": "M 1", "tau_1": "M 2"}
@@ -178,7 +178,7 @@ RULES = [
 @pytest.mark.parametrize("joints", [JOINTS, None])
 def test_columns_are_named_as_they_stand_in_the_file_or_less_their_units(rules, suffix, joints, tmp_path):
     path = write(tmp_path / f"run{suffix}", table(UNITS, GERMAN))
-    same(read_recording(path, joints, {"columns": rules}))
+    assert_same(read_recording(path, joints, {"columns": rules}))
 
 
 def test_messages_name_columns_as_they_stand_in_the_file(tmp_path):
@@ -200,7 +200,7 @@ def test_two_columns_that_only_their_units_tell_apart_keep_them(tmp_path):
     path = write(tmp_path / "run.csv", frame)
     assert {"q_0 [rad]", "q_0 [deg]", "t"} <= set(open_run(path, JOINTS).names)
     for unit in ("rad", "deg"):
-        same(read_recording(path, JOINTS, {"columns": {"q": f"q_{{i}} [{unit}]"}}))
+        assert_same(read_recording(path, JOINTS, {"columns": {"q": f"q_{{i}} [{unit}]"}}))
 
 
 def test_a_mend_for_two_units_is_one_that_works(tmp_path):
@@ -212,7 +212,7 @@ def test_a_mend_for_two_units_is_one_that_works(tmp_path):
     path = write(tmp_path / "run.csv", table(units, also=also))
     with pytest.raises(DataError, match=r"or leave q_motor out in dynid.toml: \[columns\] q_motor = false$"):
         read_recording(path, JOINTS)
-    same(read_recording(path, JOINTS, {"columns": {"q_motor": False}}))
+    assert_same(read_recording(path, JOINTS, {"columns": {"q_motor": False}}))
 
 
 @pytest.mark.parametrize(

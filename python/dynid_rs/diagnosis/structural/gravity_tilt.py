@@ -22,7 +22,6 @@ LARGEST_STEP = 0.6
 """Longest turn at once [rad]: what is far is reached in steps."""
 UNSEEN = 4
 """Directions of inertials that level gravity hides and a tilt brings out, the strongest first, that stand beside it."""
-
 N_SHOWN = 50
 """Positions, of all runs, that tell which directions those are."""
 
