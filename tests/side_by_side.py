@@ -22,7 +22,7 @@ LONG = ("whole/test_measured.py", "house/test_docs.py", "equations/test_paper.py
 LEAST = 2
 """Files of a process: starting one takes two seconds."""
 NONE_COLLECTED = 5
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"} | os.environ
+ENVIRONMENT = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "RAYON_NUM_THREADS"), "1") | os.environ
 """Each process has one core. More threads than cores spin while they wait for each other, up to half of all time."""
 
 

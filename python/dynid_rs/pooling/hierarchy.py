@@ -19,6 +19,7 @@ inside with a probability of 95 % or more, and tests on the rest are the textboo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -95,19 +96,23 @@ def share(y: FloatArray, s: FloatArray) -> Shared:
 
 def _restricted(y: FloatArray, square: FloatArray, mean: float, power: float) -> tuple[float, float]:
     """Mu and T by restricted maximum likelihood, Fisher's scoring from a start."""
-    return _rounds(y, square, mean, power, lambda distance: np.ones(len(distance)))[:2]
+    return _rounds(y, square, mean, power, np.ones_like)[:2]
 
 
 def _mixture(y: FloatArray, square: FloatArray) -> tuple[float, float, FloatArray]:
     """mu, T and r of the mixture, from the median and the median deviation on."""
+    from scipy.special import expit
+
     n, mean = len(y), float(np.median(y))
     spread = 1.4826 * float(np.median(np.abs(y - mean)))
     odd = EXPECTED_ODD
 
     def usual(distance: FloatArray) -> FloatArray:
+        """One over one plus the ratio of both densities."""
         nonlocal odd
-        found = _not_odd(distance, odd)
-        odd = min(max((float(np.sum(1 - found)) + EXPECTED_ODD * WORTH) / (n + WORTH), 1e-6), 0.5)
+        log_ratio = math.log((1 - odd) * WIDE / odd) - 0.5 * (1 - WIDE**-2) * distance
+        found: FloatArray = expit(log_ratio)
+        odd = min(max((n - float(found.sum()) + EXPECTED_ODD * WORTH) / (n + WORTH), 1e-6), 0.5)
         return found
 
     return _rounds(y, square, mean, max(spread**2 - float(np.median(square)), 0.0), usual)
@@ -117,15 +122,17 @@ def _rounds(
     y: FloatArray, square: FloatArray, mean: float, power: float, usual: Callable[[FloatArray], FloatArray]
 ) -> tuple[float, float, FloatArray]:
     """Solve the equations weighted by `usual`, a function of the squared distances in deviations."""
-    least = _least(y)
+    least, typical = _least(y), float(square.mean())
     for _ in range(MOST_ROUNDS):
         v = np.maximum(power + square, least)
         r = usual((y - mean) ** 2 / v)
         weight = r / v
-        mean = float(np.sum(weight * y) / np.sum(weight))
-        slope = np.sum(r * ((y - mean) ** 2 / v - 1) / v) + np.sum(weight / v) / np.sum(weight)
-        before, power = power, max(power + float(slope / np.sum(weight / v)), 0.0)
-        if abs(power - before) <= TIGHT * (power + float(square.mean())) or power < least:
+        total, slopes = float(weight.sum()), weight / v
+        mean = float(weight @ y) / total
+        curvature = float(slopes.sum())
+        slope = float(slopes @ (y - mean) ** 2) - total + curvature / total
+        before, power = power, max(power + slope / curvature, 0.0)
+        if abs(power - before) <= TIGHT * (power + typical) or power < least:
             break
     return mean, power, usual((y - mean) ** 2 / np.maximum(power + square, least))
 
@@ -133,15 +140,6 @@ def _rounds(
 def _least(y: FloatArray) -> float:
     """Variance that is rounding."""
     return float((1e-12 * np.abs(y).max()) ** 2)
-
-
-def _not_odd(square: FloatArray, odd: float) -> FloatArray:
-    """R from squared distances in deviations: one over one plus the ratio of both densities."""
-    from scipy.special import expit
-
-    log_ratio = np.log((1 - odd) * WIDE / odd) - 0.5 * square * (1 - WIDE**-2)
-    usual: FloatArray = expit(log_ratio)
-    return usual
 
 
 @dataclass(frozen=True, eq=False)
