@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dynid_rs import RobotModel
+from dynid_rs import Doubt, RobotModel
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.reference import weigh_load
 from dynid_rs.reference.load import _body
@@ -59,7 +59,7 @@ def drawn_tool(rng):
     return box_parameters(mass, centre, rng.uniform(0.03, 0.15, 3))
 
 
-def weighed(seed, *, elastic, carried=True, duration=None):
+def weighed(seed, *, elastic, carried=True, duration=None, loaded_for=WEIGHED):
     """The load as it is weighed, and the truth (10,): mass, centre, inertia about it; zeros with nothing `carried`."""
     rng = np.random.default_rng([seed, elastic])
     arm, tool = drawn_arm(rng, elastic=elastic), drawn_tool(rng) * carried
@@ -67,9 +67,9 @@ def weighed(seed, *, elastic, carried=True, duration=None):
     duration = LEARNED[seed % len(LEARNED)] if duration is None else duration
     with threadpool_limits(1):
         learned = simulate(arm, n_runs=2, duration=duration, seed=2 * seed, tracking=Tracking()).recordings
-        reference = ThreeLoopIdentifier(arm.robot, residual=None).fit(learned).model_
-        runs = simulate(loaded, n_runs=2, duration=WEIGHED, seed=2 * seed + 1, tracking=Tracking()).recordings
-        return weigh_load(reference, runs), _body(tool, np.eye(3), np.zeros(3))
+        fit = ThreeLoopIdentifier(arm.robot, residual=None).fit(learned)
+        runs = simulate(loaded, n_runs=2, duration=loaded_for, seed=2 * seed + 1, tracking=Tracking()).recordings
+        return weigh_load(fit.model_, runs, doubt=Doubt.of(fit)), _body(tool, np.eye(3), np.zeros(3))
 
 
 def held(load, truth):

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dynid_rs.experiment.next import next_experiment
     from dynid_rs.identification.base_fit import BaseFit, fit_base_parameters
     from dynid_rs.identification.directions import ParameterDirections, parameter_directions
+    from dynid_rs.identification.doubt import Doubt
     from dynid_rs.identification.friction import FrictionIdentifier
     from dynid_rs.identification.links import LinkDynamicsIdentifier
     from dynid_rs.identification.mixture import GaussianMixtureRegressor
@@ -63,6 +64,7 @@ _LATE = {
     "Config": "runs.readers",
     "DetectionCurve": "model.detection",
     "Diagnosis": "diagnosis.outcome",
+    "Doubt": "identification.doubt",
     "Fleet": "pooling.fleet",
     "FoundEffect": "diagnosis.found",
     "FourierExcitation": "excitation",
@@ -110,6 +112,7 @@ __all__ = [
     "DataError",
     "DetectionCurve",
     "Diagnosis",
+    "Doubt",
     "Effect",
     "Fleet",
     "FormatError",

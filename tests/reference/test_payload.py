@@ -141,7 +141,10 @@ def test_the_command_weighs_a_tool(place):
     assert answer["load"][0]["value"] == pytest.approx(MASS, rel=0.05)
     bounds = np.array([entry["interval"] for entry in answer["load"]])
     truth = np.array([MASS, *(1e3 * np.array(CENTRE)), *INERTIA])
-    assert np.all(np.abs(bounds.mean(axis=1) - truth) < HALF_WIDTHS * np.diff(bounds)[:, 0] / 2)
+    # A moment that may be none has zero for its lower end: the middle then says nothing.
+    told = (bounds[:, 0] > 0) | ~np.isin([entry["name"] for entry in answer["load"]], ("Ixx", "Iyy", "Izz"))
+    far = np.abs(bounds.mean(axis=1) - truth) / (np.diff(bounds)[:, 0] / 2)
+    assert np.all(far[told] < HALF_WIDTHS)
     assert set(answer["words"]) == {"ur", "kuka", "abb", "fanuc"}
     printed = dynid("payload", *arguments)
     assert "load in the frame of flange" in printed.stdout

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynid_rs.commands import _options
+from dynid_rs.commands._beside import doubt_of, not_known, result_beside
 from dynid_rs.commands._run import EXIT_NO, goes_on, print_json, run_command
 from dynid_rs.commands._steps import Step
 
@@ -103,7 +104,8 @@ def diagnose(
         options["known"] = known_terms(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings, cutoff)
         check_torque(split.test)
-        more = {} if reference is None else {"reference": _reference(reference, model, split.train[0])}
+        more = {} if reference is None else _reference(reference, model, split.train[0])
+        unknown = [] if reference is None else not_known(more["doubt"], "the training runs")
         if after is not None:
             more["after"] = _left_open(after, model, split.train[0])
 
@@ -117,7 +119,7 @@ def diagnose(
         with convergence_findings() as unsettled:
             outcome = find_effects(setup, split.train, split.test, on_progress=say, **more)
         say("testing")
-        result = _write(outcome, split, [*findings, *unsettled()], output)
+        result = _write(outcome, split, [*findings, *unknown, *unsettled()], output)
     if json_output:
         print_json(result)
     else:
@@ -127,8 +129,8 @@ def diagnose(
     return _exit_code(result)
 
 
-def _reference(path: Path, robot: Any, run: Recording) -> Any:
-    """Read the trusted model; it must be of this robot, in the unit of the runs."""
+def _reference(path: Path, robot: Any, run: Recording) -> dict[str, Any]:
+    """Read the trusted model, and how well it is known; it must be of this robot, in the unit of the runs."""
     from dynid_rs.commands._inputs import load_model
 
     model = load_model(path)
@@ -147,7 +149,7 @@ def _reference(path: Path, robot: Any, run: Recording) -> Any:
             f"{path}: is a model in {model.torque_unit}, and the runs hold torque in {run.torque_unit}; "
             "give a model in the same unit, or --drive-gain"
         )
-    return model
+    return {"reference": model, "doubt": doubt_of(result_beside(path), model)}
 
 
 def _left_open(path: Path, robot: Any, run: Recording) -> Any:

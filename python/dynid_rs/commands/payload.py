@@ -9,6 +9,7 @@ import typer
 
 from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.commands import _options
+from dynid_rs.commands._beside import doubt_of, not_known, result_beside
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 from dynid_rs.commands._steps import Step
 
@@ -59,9 +60,11 @@ def payload(
         say("weighing")
         from dynid_rs.reference import weigh_load
 
-        load = weigh_load(reference, recordings, cutoff=cutoff, frame=frame)
+        result = result_beside(model)
+        doubt = doubt_of(result, reference)
+        load = weigh_load(reference, recordings, cutoff=cutoff, frame=frame, doubt=doubt)
     name = flange or reference.robot.link_names[-1]
-    findings += [*load.findings, *_of_the_model(model)]
+    findings += [*load.findings, *_of_the_model(result), *not_known(doubt, "these runs")]
     answer = _answer(load, name, reference.robot.joint_names, findings)
     if json_output:
         print_json(answer)
@@ -75,18 +78,13 @@ def payload(
     return 0 if answer["seen"] and not wrong else EXIT_NO
 
 
-def _of_the_model(path: Path) -> list[Finding]:
+def _of_the_model(result: dict[str, Any] | None) -> list[Finding]:
     """Errors in the data that a model was learned from, where its result lies beside it: the load is as wrong as they.
 
     A torque that is wrong by a factor in all runs fits as well as one that is right.
     """
-    from dynid_rs.report.source import RESULT_FILE, read_result
-
-    try:
-        said = read_result((path if path.is_dir() else path.parent) / RESULT_FILE)["data"]
-    except (OSError, ValueError):  # a model alone, or beside something else: it says nothing
-        return []
-    errors = [one for one in said.get("findings", []) if one["severity"] == "error"]
+    findings = [] if result is None else result["data"].get("findings", [])
+    errors = [one for one in findings if one["severity"] == "error"]
     return [
         Finding(
             "reference_in_error",

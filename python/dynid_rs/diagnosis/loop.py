@@ -34,6 +34,7 @@ from dynid_rs.diagnosis.shaped import Place
 from dynid_rs.diagnosis.signs import with_signs
 from dynid_rs.diagnosis.unexplained import stood_in, unexplained_entries
 from dynid_rs.diagnosis.weighing import last_fit
+from dynid_rs.identification.doubt import Doubt
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import check_motion
 from dynid_rs.reference import compare
@@ -52,6 +53,7 @@ def diagnose(
     test: Runs | None = None,
     *,
     reference: _core.TorqueModel | None = None,
+    doubt: Doubt | None = None,
     after: OpenQuestions | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Diagnosis:
@@ -68,6 +70,8 @@ def diagnose(
         aside.
     reference : TorqueModel, optional
         Trusted model: then the question is what has changed against it, and nothing of it is fitted again.
+    doubt : Doubt, optional
+        How well the reference's parameters are known; without it, as if it had been learned from as much as `train`.
     after : OpenQuestions, optional
         What an earlier diagnosis left open (`Diagnosis.asked`), `train` holding its runs and new ones: only that is
         asked, and what it named is checked.
@@ -101,7 +105,7 @@ def diagnose(
         if reference is None:
             found = _traced(setup, split.train, split.test, after, on_progress)
         else:
-            found = _compared(setup, split.train, split.test, reference, on_progress)
+            found = _compared(setup, split.train, split.test, reference, doubt, on_progress)
     found.train, found.test = split.train, split.test
     found.findings += [] if split.finding is None else [split.finding]
     return found
@@ -185,6 +189,7 @@ def _compared(
     train: Sequence[Recording],
     test: Sequence[Recording],
     reference: _core.TorqueModel,
+    doubt: Doubt | None,
     on_progress: Callable[[str], None],
 ) -> Diagnosis:
     """What has changed against a reference; the model with what was found is the reference with it."""
@@ -193,7 +198,7 @@ def _compared(
         return _of_errors(setup, train, said)
     fit = setup.identifier(residual=None).fit(list(train))
     on_progress("comparing with the reference")
-    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
+    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"), doubt=doubt)
     before, after = copy(fit), copy(fit)
     before.model_, after.model_ = reference, changes.model
     return Diagnosis(setup, before, after, findings=[*said, *changes.findings], entries=list(changes.effects))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.base.wording import residual_reason, verdict
+from dynid_rs.identification.doubt import Doubt
 from dynid_rs.identification.separability import examine, not_separable
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -187,6 +188,7 @@ def _summarise(
         "encoder_delay": _encoder_delay(identifier),
         "parameters": _parameters(identifier),
         "base_parameters": _base(identifier),
+        "covariance": _covariance(identifier),
         "history": [
             {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
             for k, after in enumerate(identifier.history_)
@@ -362,6 +364,12 @@ def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         for j in range(robot.n_joints)
     ]
     return {"base": base, "joint": joint, "friction_shape": shapes}
+
+
+def _covariance(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
+    """How well the model's parameters are known; None of a model that is not the one that was fitted."""
+    doubt = Doubt.of(identifier)
+    return doubt.to_json() if doubt.is_of(identifier.model_, identifier.links_.phi_base_) else None
 
 
 def base_names(plan: Plan) -> list[str]:

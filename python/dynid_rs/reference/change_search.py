@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.identification.doubt import Doubt
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.reference.changes import (
     DAILY,
@@ -42,7 +43,7 @@ LARGE = {FRICTION: 0.3, GAIN: 0.03, TILT: 0.003, OFFSET: 0.3}
 """What is worth naming: friction and offset over the joint's friction torque (RMS), gain, tilt [rad]. Gain and tilt
 have to be larger by their whole 95 % interval: under a load all that the reference lacks grows, and looks like them."""
 REFERENCE_DATA = 1.0
-"""Rows that the reference is taken to be made of, over those of the runs: its own errors widen every interval."""
+"""Rows that a reference is taken to be made of, over those of the runs, where nothing says how well it is known."""
 TIE = 2.0
 """Left-out errors that differ by less than this times the difference's standard error tie."""
 MOST = 8
@@ -63,11 +64,15 @@ class Named:
 class ChangeSearch:
     """Forward steps: the change that explains most, everything fitted again, until nothing pays."""
 
-    def __init__(self, believed: Believed, runs: list[States]) -> None:
+    def __init__(self, believed: Believed, runs: list[States], doubt: Doubt | None = None) -> None:
         self.believed, self.runs = believed, runs
+        self._doubt = (
+            None if doubt is None else [s.counted[:, :, None] * doubt.columns(believed.reference, s) for s in runs]
+        )
         self.reference_noise = np.maximum(believed.reference.noise_std, 1e-300)
         self.noise = self.reference_noise
         self.named: list[Named] = []
+        self._doubted = np.zeros(0, dtype=np.intp)
 
     def run(self) -> list[Believed]:
         """Return what is believed before the first change and after each that was named."""
@@ -86,7 +91,7 @@ class ChangeSearch:
         weighing = self.weigh()
         hypothesis = next(h for h in hypotheses(self.believed, self.columns) if h.kind == kind)
         free, held = self.split(hypothesis)
-        covariance = weighing.covariance(free, held)
+        covariance = self.covariance(weighing, free, held)
         chosen = np.isin(free, hypothesis.places)
         p_value = wald(weighing.solve(free, held)[free], covariance, chosen)
         self.named.append(Named(hypothesis, p_value, []))
@@ -101,7 +106,16 @@ class ChangeSearch:
         error = [s.counted * s.in_band(s.tau - evaluate(model, s)[0]) for s in self.runs]
         columns = [s.counted[:, :, None] * rows for s, rows in zip(self.runs, self.columns.rows, strict=True)]
         precision, weak = self._precision(columns)
-        return Weighing(self.runs, columns, error, 1 / self.noise, precision, weak)
+        weighing = Weighing(self.runs, columns, error, 1 / self.noise, precision, weak)
+        if self._doubt is None:
+            return weighing
+        self._doubted = len(precision) + np.arange(self._doubt[0].shape[2])
+        return weighing.beside(self._doubt, np.ones(len(self._doubted)))
+
+    def covariance(self, weighing: Weighing, free: NDArray[np.intp], held: NDArray[np.intp]) -> FloatArray:
+        """Of the `free` coefficients, the reference's own errors included."""
+        own = 1 / REFERENCE_DATA if self._doubt is None else 0.0
+        return (1 + own) * weighing.covariance(free, held)
 
     def _precision(self, rows: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Of the day-to-day freedom of offsets and friction, and where those or what a tilt brings out are free."""
@@ -125,11 +139,11 @@ class ChangeSearch:
         return np.maximum(rmse(torque), reference.noise_std)
 
     def split(self, *hypothesis: Hypothesis) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Places that are fitted freely (named ones and `hypothesis`), and those of the day-to-day freedom."""
+        """Places that are fitted freely (named ones and `hypothesis`), and those of day-to-day freedom and doubt."""
         places = [h.places for h in (*(named.hypothesis for named in self.named), *hypothesis)]
         free = np.concatenate([np.zeros(0, dtype=np.intp), *places])
         day = np.arange(DAILY * self.believed.robot.n_joints)
-        return np.unique(free), np.setdiff1d(day, free)
+        return np.unique(free), np.concatenate([np.setdiff1d(day, free), self._doubted])
 
     def _next(self) -> Named | None:
         """Return the change that explains most, how sure it is, and what explains as much, with the belief in it."""
@@ -149,9 +163,9 @@ class ChangeSearch:
             if -won[won < 0].sum() > STEADY * won[won > 0].sum():
                 continue
             x = weighing.solve(free, held)
-            covariance = weighing.covariance(free, held)
+            covariance = self.covariance(weighing, free, held)
             p_value = wald(x[free], covariance, np.isin(free, h.places))
-            variance = (1 + 1 / REFERENCE_DATA) * np.diag(covariance)[np.searchsorted(free, h.places)]
+            variance = np.diag(covariance)[np.searchsorted(free, h.places)]
             margin = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
             if p_value < SURE / len(open_) and self._is_large(h, x, margin, weighing):
                 scored.append((score, h, p_value, power, h.added(self.believed, x[h.places], self.columns)))

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.identification.doubt import Doubt
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate, with_band
 from dynid_rs.model.curves import over_angle
-from dynid_rs.reference.change_search import REFERENCE_DATA, ChangeSearch
+from dynid_rs.reference.change_search import ChangeSearch
 from dynid_rs.reference.changes import PAYLOAD, Believed, Hypothesis
 from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import physical_payload
@@ -65,6 +66,7 @@ def compare(
     test: Sequence[Recording] = (),
     *,
     cutoff: float | None = None,
+    doubt: Doubt | None = None,
 ) -> Changes:
     """Find what has changed since `reference` was made.
 
@@ -78,6 +80,8 @@ def compare(
         Runs of the robot as it is now: learned from, and errors reported on.
     cutoff : float, optional
         Band [Hz] in which torques are compared; chosen from the motion if None.
+    doubt : Doubt, optional
+        How well the reference's parameters are known; without it, as if it had been learned from as much as `train`.
 
     Raises
     ------
@@ -92,7 +96,7 @@ def compare(
     rate = common_rate(train)
     runs = prepare_training_runs(train, band, rate, torque_delay=reference.torque_delay)
     with threadpool_limits(limits=1, user_api="blas"):
-        search = ChangeSearch(Believed.unchanged(reference, robot.phi), runs)
+        search = ChangeSearch(Believed.unchanged(reference, robot.phi), runs, doubt)
         changes = _report(search, search.run(), [prepare(recording, band, rate) for recording in test])
         return replace(changes, model=with_band(changes.model, (band.cutoff, rate, False)))
 
@@ -104,7 +108,7 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
     free, held = search.split()
     half = np.zeros(len(weighing.precision))
     if len(free):
-        variance = (1 + 1 / REFERENCE_DATA) * np.diag(weighing.covariance(free, held))
+        variance = np.diag(search.covariance(weighing, free, held))
         loss = gear_loss(search, weighing, free, held)
         half[free] = reach(np.sqrt(np.maximum(variance, 0.0)), np.abs(loss.shift))
         payload = next((h for h in (named.hypothesis for named in search.named) if h.kind == PAYLOAD), None)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.identification.doubt import Doubt
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.reference.change_search import REFERENCE_DATA, ChangeSearch, wald
+from dynid_rs.reference.change_search import ChangeSearch, wald
 from dynid_rs.reference.changes import PAYLOAD, Believed
 from dynid_rs.reference.compare import check_runs
 from dynid_rs.reference.gear_loss import gear_loss, reach
@@ -75,6 +76,7 @@ def weigh_load(
     *,
     cutoff: float | None = None,
     frame: tuple[FloatArray, FloatArray] | None = None,
+    doubt: Doubt | None = None,
 ) -> Load:
     """Weigh what the arm carries on `runs`, beside the friction and the offsets that differ from day to day.
 
@@ -88,6 +90,8 @@ def weigh_load(
         Band [Hz] in which torques are compared; chosen from the motion if None.
     frame : ((3, 3), (3,)), optional
         Rotation and translation [m] of the flange in the last link's frame; that frame itself by default.
+    doubt : Doubt, optional
+        How well the reference's parameters are known; without it, as if it had been learned from as much as `runs`.
 
     Raises
     ------
@@ -114,12 +118,12 @@ def weigh_load(
         )
     ]
     with threadpool_limits(limits=1, user_api="blas"):
-        search = ChangeSearch(Believed.unchanged(reference, reference.robot.phi), prepared)
+        search = ChangeSearch(Believed.unchanged(reference, reference.robot.phi), prepared, doubt)
         named = search.name(PAYLOAD)
         weighing = search.weigh()
         free, held = search.split()
         estimate = search.believed.payload
-        covariance = (1 + 1 / REFERENCE_DATA) * weighing.covariance(free, held)
+        covariance = search.covariance(weighing, free, held)
         places = named.hypothesis.places
         at = np.searchsorted(free, places)
         covariance = covariance[np.ix_(at, at)]
