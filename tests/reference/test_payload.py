@@ -17,11 +17,15 @@ from scipy.special import ndtr
 from dynid_rs import RobotModel, TorqueModel
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands.payload import _lines
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.reference import compare, weigh_load
 from dynid_rs.reference.change_search import wald
 from dynid_rs.reference.gear_loss import reach
-from dynid_rs.reference.load import Load, _body, _moved, _slopes
+from dynid_rs.reference.load import Load, _body, _slopes
 from dynid_rs.reference.load_data import principal_axes, quantities, vendor_words
-from dynid_rs.simulation import simulate, typical_arm
+from dynid_rs.reference.payload import moved
+from dynid_rs.simulation import Tracking, simulate, typical_arm
+from dynid_rs.simulation.effects.structure import box_parameters
 from dynid_rs.simulation.folder import run_columns
 
 MASS, CENTRE = 1.5, (0.03, -0.02, 0.06)
@@ -125,11 +129,52 @@ def test_what_the_torque_does_not_show_has_no_interval():
     bare, loaded = (RobotModel.from_urdf_string(with_parts(*parts)) for parts in ((FLANGE,), (FLANGE, TOOL)))
     phi = loaded.phi[-10:] - bare.phi[-10:]
     slopes = _slopes(phi, 1e-6 * np.eye(10), np.eye(3), np.zeros(3))
-    unseen = _moved(slopes, np.eye(10)[:, [2]])
+    unseen = moved(slopes, np.eye(10)[:, [2]])
     assert unseen.tolist() == [False, False, True, False, True, False, True, True, False, True]
-    assert not _moved(slopes, np.zeros((10, 0))).any()
+    assert not moved(slopes, np.zeros((10, 0))).any()
     load = replace(some_load(), intervals=np.where(unseen[:, None], [-np.inf, np.inf], 0.0))
     assert [entry["interval"] is None for entry in quantities(load)] == unseen.tolist()
+
+
+def few_joints(kinds, axes):
+    """An arm of one link per joint, its reference, and the same arm with a box on the last link: its runs and `phi`."""
+    chain = ['<robot name="few"><link name="l0"/>']
+    for k, (kind, axis) in enumerate(zip(kinds, axes, strict=True), start=1):
+        chain.append(
+            f'<link name="l{k}"><inertial><origin xyz="0.02 0.01 0.05"/><mass value="{6 / k}"/>'
+            '<inertia ixx="0.05" iyy="0.06" izz="0.04" ixy="0.002" ixz="0.001" iyz="0"/></inertial></link>'
+            f'<joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0.03 0 0.1"/>'
+            f'<axis xyz="{axis}"/><limit lower="-1" upper="1" velocity="2" effort="200"/></joint>'
+        )
+    robot = RobotModel.from_urdf_string("".join([*chain, "</robot>"]))
+    arm = replace(typical_arm(robot).rigid(), delay=0.0)
+    phi = box_parameters(2.0, np.array([0.05, -0.04, 0.1]), np.array([0.05, 0.1, 0.3]))
+    loaded = replace(arm, phi=arm.phi + np.pad(phi, (len(arm.phi) - 10, 0)))
+    learned = simulate(arm, n_runs=2, duration=20, seed=1, tracking=Tracking()).recordings
+    reference = ThreeLoopIdentifier(robot, residual=None).fit(learned).model_
+    return reference, list(simulate(loaded, n_runs=2, duration=13, seed=5, tracking=Tracking()).recordings), phi
+
+
+def test_what_an_axis_askew_hides_has_no_interval():
+    """The centre along the last axis, and five of the moments about it, three of which no column shows at all."""
+    reference, runs, phi = few_joints(["prismatic", "prismatic", "revolute"], ["1 0 0", "0 1 0", "0 0.6 0.8"])
+    load, truth = weigh_load(reference, runs), _body(phi, np.eye(3), np.zeros(3))
+    assert np.isfinite(load.intervals).all(axis=1).tolist() == [True, True] + [False] * 8
+    assert held(load, truth).all()
+    (effect,) = compare(reference, reference.robot, runs).effects
+    told = {p["name"]: p["interval"] for p in effect["parameters"]}
+    assert [name for name, interval in told.items() if interval is not None] == ["mass", "hx"]
+    for name, value in zip(told, phi, strict=True):
+        assert told[name] is None or told[name][0] <= value <= told[name][1]
+
+
+def test_where_no_mass_is_seen_nothing_is_and_the_nearest_body_has_the_torque():
+    """One joint feels the moments about its axis, whatever the mass."""
+    reference, runs, phi = few_joints(["revolute"], ["0 1 0"])
+    load = weigh_load(reference, runs)
+    assert np.isinf(load.intervals).all()
+    moments = load.mass * load.centre
+    assert_allclose(moments[[0, 2]], phi[[1, 3]], atol=0.15 * np.linalg.norm(phi[1:4]))
 
 
 def test_the_command_weighs_a_tool(place):

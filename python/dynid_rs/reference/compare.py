@@ -23,7 +23,7 @@ from dynid_rs.model.curves import over_angle
 from dynid_rs.reference.change_search import ChangeSearch
 from dynid_rs.reference.changes import PAYLOAD, Believed, Hypothesis
 from dynid_rs.reference.gear_loss import gear_loss, reach
-from dynid_rs.reference.payload import physical_payload
+from dynid_rs.reference.payload import hidden_directions, moved, physical_payload
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.facts import check_training_runs
@@ -115,10 +115,11 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
         if loss.joints and payload is not None:
             shift = float(loss.shift[np.searchsorted(free, payload.places[0])])
             findings.append(loss.finding(search.believed.robot.joint_names, shift))
-    believed = beliefs[-1]
+    believed, unseen = beliefs[-1], np.zeros(len(half), dtype=bool)
     for h in (named.hypothesis for named in search.named if named.hypothesis.kind == PAYLOAD):
         believed, notes = physical_payload(believed, weighing, h.places, free, held)
         findings += notes
+        unseen[h.places] = moved(np.eye(len(h.places)), hidden_directions(weighing, h.places, free, held))
     steps = [*beliefs[:-1], believed]
     errors = {"train": [_errors(b, search.runs) for b in steps], "test": [_errors(b, tests) for b in steps]}
     joints = believed.robot.joint_names
@@ -128,17 +129,19 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
         value, estimate = h.value(believed), h.value(beliefs[-1])
         margin = half[h.places[: len(value)]]
         low, high = np.minimum(estimate - margin, value), np.maximum(estimate + margin, value)
+        known = ~unseen[h.places[: len(value)]]
+        weighed = h.kind == PAYLOAD and known[0]
         effect: dict[str, Any] = {
             "rank": k + 1,
             "kind": h.kind,
             "joints": [joints[j] for j in h.joints],
             "parameters": [
-                {"name": n, "value": float(v), "unit": u, "interval": [float(a), float(b)]}
-                for n, u, v, a, b in zip(h.names, h.units, value, low, high, strict=True)
+                {"name": n, "value": float(v), "unit": u, "interval": [float(a), float(b)] if is_known else None}
+                for n, u, v, a, b, is_known in zip(h.names, h.units, value, low, high, known, strict=True)
             ],
             "p_value": named.p_value,
             "ties": [_tie(other, belief, tests) for other, belief in named.ties],
-            "plot": load_plot(believed, search.runs, float(margin[0] / abs(value[0]))) if h.kind == PAYLOAD else None,
+            "plot": load_plot(believed, search.runs, float(margin[0] / abs(value[0]))) if weighed else None,
         }
         if tests:
             effect["rmse_test_before"] = errors["test"][k].tolist()

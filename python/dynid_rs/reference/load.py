@@ -18,7 +18,7 @@ from dynid_rs.reference.change_search import ChangeSearch, wald
 from dynid_rs.reference.changes import PAYLOAD, Believed
 from dynid_rs.reference.compare import check_runs
 from dynid_rs.reference.gear_loss import gear_loss, reach
-from dynid_rs.reference.payload import physical_payload, seen_directions
+from dynid_rs.reference.payload import hidden_directions, moved, physical_payload
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate
@@ -28,14 +28,8 @@ FloatArray = NDArray[np.float64]
 
 STEP = 1e-6
 """Of the difference that carries the covariance to mass, centre and inertia, over a parameter's standard deviation."""
-
-
 LEAST_STEP = 1e-4
 """...where that is nothing [kg, kg*m, kg*m^2]."""
-ROUNDING = 1e-6
-"""Slopes below this over the largest are rounding."""
-UNSEEN = 1e-8
-"""Eigenvalue of the payload's normal matrix over the largest below which a direction is not seen at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +124,7 @@ def weigh_load(
         loss = gear_loss(search, weighing, free, held)
         shift = loss.shift[at]
         believed, findings = physical_payload(search.believed, weighing, places, free, held)
-        values, vectors, scale = seen_directions(weighing, places, free, held)
-        hidden = vectors[:, values < UNSEEN * values[-1]] / scale[:, None]
+        hidden = hidden_directions(weighing, places, free, held)
         counted = [states.counted for states in prepared]
         size = rmse([states.in_band(states.tau) - _mean(states) for states in prepared], counted)
         before, after = (
@@ -143,7 +136,9 @@ def weigh_load(
     slopes = _slopes(estimate, covariance, rotation, translation)
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
     margin = reach(std, np.abs(slopes @ shift))
-    margin[_moved(slopes, hidden)] = np.inf
+    unseen = moved(slopes, hidden)
+    # Of a mass that may be any, so may the centre and the inertia about it.
+    margin[unseen | unseen[0]] = np.inf
     middle = _body(estimate, rotation, translation)
     # The nearest body may lie beside the estimate: the interval holds both.
     low, high = np.minimum(middle - margin, value), np.maximum(middle + margin, value)
@@ -214,12 +209,3 @@ def _slopes(phi: FloatArray, covariance: FloatArray, rotation: FloatArray, trans
         ahead, behind = (_body(phi + sign * step * np.eye(10)[k], rotation, translation) for sign in (1, -1))
         slopes[:, k] = (ahead - behind) / (2 * step)
     return slopes
-
-
-def _moved(slopes: FloatArray, hidden: FloatArray) -> NDArray[np.bool_]:
-    """Quantities (10,) that change along directions (10, k) of which the torque says nothing."""
-    if not hidden.shape[1]:
-        return np.zeros(10, dtype=bool)
-    largest = np.outer(np.abs(slopes).max(axis=1), np.abs(hidden).max(axis=0))
-    moved: NDArray[np.bool_] = np.any(np.abs(slopes @ hidden) > ROUNDING * largest, axis=1)
-    return moved

@@ -20,6 +20,12 @@ PULL = 1e-6
 """Weight of the body that stands for "as far as known", in rows: it decides only what no torque shows."""
 MARGIN = 1e-4
 """Least eigenvalue of the pseudo-inertia over that body's."""
+UNSEEN = 1e-8
+"""Eigenvalue of the payload's normal matrix over the largest below which a direction is not seen at all..."""
+ROUNDING = 1e-12
+"""...and size of a parameter's column over the largest below which it is rounding."""
+LEAST_SLOPE = 1e-6
+"""Slopes along a hidden direction below this over the largest are rounding."""
 
 
 def physical_payload(
@@ -65,7 +71,25 @@ def physical_payload(
     return replace(believed, payload=nearest), findings
 
 
-def seen_directions(
+def hidden_directions(
+    weighing: Weighing, places: NDArray[np.intp], free: NDArray[np.intp], held: NDArray[np.intp]
+) -> FloatArray:
+    """Changes (10, k) of a payload's parameters of which the torque says nothing."""
+    values, vectors, scale = _seen_directions(weighing, places, free, held)
+    hidden: FloatArray = vectors[:, values <= UNSEEN * values[-1]] / scale[:, None]
+    return hidden
+
+
+def moved(slopes: FloatArray, hidden: FloatArray) -> NDArray[np.bool_]:
+    """Quantities (n,) with `slopes` (n, 10) by the parameters that change along `hidden` directions (10, k)."""
+    if not hidden.shape[1]:
+        return np.zeros(len(slopes), dtype=bool)
+    largest = np.outer(np.abs(slopes).max(axis=1), np.abs(hidden).max(axis=0))
+    change: NDArray[np.bool_] = np.any(np.abs(slopes @ hidden) > LEAST_SLOPE * largest, axis=1)
+    return change
+
+
+def _seen_directions(
     weighing: Weighing, places: NDArray[np.intp], free: NDArray[np.intp], held: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What the torque says of a payload beside all else: eigenvalues (10,), eigenvectors (10, 10) and scale (10,).
@@ -79,8 +103,11 @@ def seen_directions(
     own = gram[:10, :10]
     if len(beside):
         own = own - gram[:10, 10:] @ np.linalg.pinv(gram[10:, 10:], hermitian=True) @ gram[10:, :10]
-    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    size = np.sqrt(np.maximum(np.diag(own), 0.0))
+    shown = size > ROUNDING * size.max()
+    # Of the others' order, also where there is nothing: what is hidden would else be that parameter alone.
+    scale = np.where(shown, size, max(float(size.max()), 1e-300))
+    values, vectors = np.linalg.eigh(np.where(np.outer(shown, shown), own, 0.0) / np.outer(scale, scale))
     return values, vectors, scale
 
 
@@ -92,10 +119,11 @@ def _nearest(
     held: NDArray[np.intp],
 ) -> FloatArray:
     """Body (10,) whose torque is nearest to the estimate's, everything else fitted beside it."""
-    mass = max(float(payload[0]), 1e-3)
+    # With less its centre would lie further than a metre away, where no tool ends.
+    mass = max(float(payload[0]), float(np.abs(payload[1:4]).max()), 1e-3)
     root = np.sqrt(mass) * np.diag([UNKNOWN_RADIUS, UNKNOWN_RADIUS, UNKNOWN_RADIUS, 1.0])
-    root[:3, 3] = np.sqrt(mass) * np.clip(payload[1:4] / mass, -1.0, 1.0)
-    values, vectors, scale = seen_directions(weighing, places, free, held)
+    root[:3, 3] = np.sqrt(mass) * payload[1:4] / mass
+    values, vectors, scale = _seen_directions(weighing, places, free, held)
     matrix = np.zeros((10, 11))
     matrix[:, :10] = (np.sqrt(np.maximum(values, 0.0)) * vectors).T * scale
     terms = Terms(matrix, matrix[:, :10] @ payload, np.zeros(1), np.ones(1))
