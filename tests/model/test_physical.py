@@ -187,6 +187,33 @@ def test_coulomb_and_viscous_friction_come_back_from_a_model_that_has_no_other()
     assert_allclose(friction, [1.2, 2.0, 2.5], atol=1e-9)
 
 
+def test_friction_of_an_export_is_all_of_it_whenever_the_channel_shows_it_and_however_warm_it_is():
+    """Coulomb 3, viscous 2 by the law; a peak at low speed adds what least squares makes of it."""
+    robot, n = RobotModel.from_urdf_string(URDF), 3
+    law = {"coulomb_pos": 3.0, "coulomb_neg": 3.0, "viscous1_pos": 2.0, "viscous1_neg": 2.0}
+    names = [f"{part}_{side}" for part in ("coulomb", "viscous1", "viscous2", "viscous3") for side in ("pos", "neg")]
+    width = {"transition_width": np.full(n, 1e-6)}
+    own = (_core.Effect.friction([0.0] * n, [1e-6] * n), np.tile([law.get(name, 0.0) for name in names], (n, 1)))
+    at_rest = {name: np.full(n, law.get(name, 0.0)) for name in names}
+    warm = _core.Effect.of("temperature_friction", reference_temperature=np.full(n, 30.0), **width, **at_rest)
+    peak = _core.Effect.of("stribeck", stribeck_velocity=np.full(n, 0.5), exponent=np.ones(n), **width)
+
+    def found(*more, delay=0.0):
+        domain = ([[-1.0, 1.0]] * n, [2.0] * n, [1.0] * n)
+        parts = {"encoder_delay": [0.0] * n, "noise_std": [0.0] * n, "domain": domain, "step": 0.004}
+        model = _core.TorqueModel(robot, robot.phi, [own, *more], torque_delay=delay, **parts)
+        return np.stack(coulomb_viscous(model))
+
+    expected = np.outer([2.0, 3.0], np.ones(n))
+    for delay in (0.02, -0.02, [0.0, 0.01, 0.03]):
+        assert_allclose(found(delay=delay), expected, atol=1e-9)
+    assert_allclose(found((warm, np.full((n, 1), -0.01))), expected, atol=1e-9)
+    speed = 2.0 * (np.arange(50) + 0.5) / 50
+    columns = np.column_stack([speed, np.ones(50)])
+    added = np.linalg.lstsq(columns, 2.0 * np.exp(-speed / 0.5), rcond=None)[0]
+    assert_allclose(found((peak, np.full((n, 2), 2.0))), expected + added[:, None], atol=1e-9)
+
+
 def test_a_declared_body_without_extent_is_made_one():
     """Points and massless links in the robot file are no frame of reference; they are thickened, not refused."""
     robot = RobotModel.from_urdf_string(

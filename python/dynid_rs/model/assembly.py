@@ -156,3 +156,12 @@ def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, Floa
     total, terms, status = model.evaluate(*signals, step=step, temperature=temperature)
     first = len(before.t)
     return total[first:], terms[first:], status[first:]
+
+
+def declared_temperature(model: _core.TorqueModel, q: FloatArray) -> FloatArray | None:
+    """The temperature (n, n_joints) that friction is declared at, where it follows one."""
+    for effect, _ in model.effects:
+        if "temperature" in effect.signals:
+            reference: FloatArray = np.broadcast_to(np.asarray(dict(effect.shape)["reference_temperature"]), q.shape)
+            return reference.copy()
+    return None

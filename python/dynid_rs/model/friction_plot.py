@@ -13,7 +13,7 @@ from dynid_rs.base.drawing import chosen_joints, grid
 from dynid_rs.base.units import labelled, torque_of
 from dynid_rs.base.wording import is_friction, kind_words
 from dynid_rs.model.along import states_of
-from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.assembly import declared_temperature, evaluate
 from dynid_rs.runs.given import Runs, as_recordings
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +90,7 @@ def friction_curves(model: _core.TorqueModel, joint: int, terms: Sequence[int]) 
     dq[:, joint] = np.tile(speed, N_POSES)
     q_motor[:, joint] += np.tile(way, N_POSES)
     still, zero = model.with_torque_delay(0.0), np.zeros_like(q)
-    step, temperature = model.step or 1e-3, _temperature(model, q)
+    step, temperature = model.step or 1e-3, declared_temperature(model, q)
     _, parts, _ = still.evaluate(q, dq, zero, q_motor, dq, zero, step=step, temperature=temperature)
     torque: FloatArray = parts[:, [1 + k for k in terms], joint].sum(axis=1)  # the first term is the rigid body
     order = np.argsort(speed[told])
@@ -121,15 +121,6 @@ def _not_drawn(model: _core.TorqueModel) -> list[str]:
 
 def _effects(model: _core.TorqueModel) -> list[_core.Effect]:
     return [effect for effect, _ in model.effects]
-
-
-def _temperature(model: _core.TorqueModel, q: FloatArray) -> FloatArray | None:
-    """The temperature that friction is declared at, where it follows one."""
-    for effect in _effects(model):
-        if "temperature" in effect.signals:
-            reference: FloatArray = np.broadcast_to(np.asarray(dict(effect.shape)["reference_temperature"]), q.shape)
-            return reference.copy()
-    return None
 
 
 def _measured(model: _core.TorqueModel, runs: Runs, terms: Sequence[int]) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
-from dynid_rs.model.assembly import with_parts
+from dynid_rs.base.wording import is_friction
+from dynid_rs.model.assembly import declared_temperature, with_parts
 from dynid_rs.model.bodies import Program, Terms, declared_bodies
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.fitted import FittedLinks, weighted_system
@@ -293,12 +294,14 @@ WAY, N_STEPS = 0.1, 50
 
 
 def _friction_on_the_way(model: _core.TorqueModel, j: int, speed: FloatArray, places: list[int]) -> FloatArray:
-    """Friction (n_speeds,) of joint j at `speed`, all of one sign, after a way in that direction."""
+    """Friction (n_speeds,) of joint j at `speed`, all of one sign, after a way in that direction; no channel late."""
     n, n_states = model.robot.n_joints, N_STEPS + len(speed)
     q, dq = np.tile(np.mean(model.domain[0], axis=1), (n_states, 1)), np.zeros((n_states, n))
     q[:, j] += np.sign(speed[0]) * WAY * (np.arange(n_states) / N_STEPS - 1)
     dq[:, j] = np.concatenate([np.full(N_STEPS, speed[0]), speed])
-    friction: FloatArray = model.evaluate(q, dq, np.zeros_like(dq))[1][N_STEPS:, places, j].sum(axis=1)
+    still, temperature = model.with_torque_delay(0.0), declared_temperature(model, q)
+    terms = still.evaluate(q, dq, np.zeros_like(dq), temperature=temperature)[1]
+    friction: FloatArray = terms[N_STEPS:, places, j].sum(axis=1)
     return friction
 
 
@@ -314,7 +317,7 @@ def coulomb_viscous(model: _core.TorqueModel) -> tuple[FloatArray, FloatArray]:
     n = model.robot.n_joints
     fastest = np.asarray(model.domain[1])
     grid = (np.arange(50) + 0.5) / 50
-    places = [k for k, name in enumerate(model.term_names) if "friction" in name]
+    places = [1 + k for k, (effect, _) in enumerate(model.effects) if is_friction(effect.kind)]
     result = np.zeros((n, 2))
     for j in range(n):
         if fastest[j] <= 0:

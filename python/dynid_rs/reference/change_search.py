@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.wording import is_friction
 from dynid_rs.identification.doubt import Doubt
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.reference.changes import (
@@ -134,7 +135,7 @@ class ChangeSearch:
     def _friction_torque(self) -> FloatArray:
         """RMS of the reference's friction in the band (n_joints,); at least the noise."""
         reference = self.believed.reference
-        places = [k for k, name in enumerate(reference.term_names) if "friction" in name]
+        places = [1 + k for k, (effect, _) in enumerate(reference.effects) if is_friction(effect.kind)]
         torque = [s.in_band(evaluate(reference, s)[1][:, places].sum(axis=1)) for s in self.runs]
         return np.maximum(rmse(torque), reference.noise_std)
 
