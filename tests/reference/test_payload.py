@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from dynid_rs import RobotModel, TorqueModel
 from dynid_rs.base.findings import Finding
-from dynid_rs.commands.payload import _lines
+from dynid_rs.commands.payload import _frame, _lines
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.reference import compare, weigh_load
 from dynid_rs.reference.change_search import wald
@@ -289,6 +289,22 @@ def test_what_cannot_be_weighed_is_refused_in_a_sentence(place, tmp_path):
     dynid("identify", study().robot, *runs, "-o", tmp_path / "amperes", "--residual", "none")
     sentence = refusal(dynid("payload", tmp_path / "amperes" / "model.json", currents))
     assert "identify again with --drive-gain" in sentence
+
+
+def test_a_flange_is_found_behind_any_base_and_in_no_table_or_other_arm(place, tmp_path):
+    robot, table = place / "robot.urdf", tmp_path / "arm.toml"
+    whole = RobotModel.from_urdf(robot)
+    part = RobotModel.from_urdf(robot, base=whole.link_names[0])
+    for model in (whole, part):
+        for found, expected in zip(_frame(model, robot, "flange"), whole.link_frame("flange")[1:], strict=True):
+            assert_allclose(found, expected, rtol=0, atol=0)
+    table.write_text("")
+    with pytest.raises(ValueError, match=r"names no link that is fixed to hand; leave --flange and --robot out"):
+        _frame(whole, table, "flange")
+    other = tmp_path / "other.urdf"
+    other.write_text(robot.read_text().replace(f'"{whole.joint_names[0]}"', '"another"'))
+    with pytest.raises(ValueError, match=r"other.urdf: the chain to hand is not the model's"):
+        _frame(whole, other, "flange")
 
 
 def test_a_run_counts_once():

@@ -104,11 +104,22 @@ def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:
         return None
     if flange is None or robot is None:
         raise ValueError("--flange and --robot belong together: a link, and the robot file that says where it stands")
-    joint, rotation, translation = read_robot(robot, tip=model.link_names[-1]).link_frame(flange)
-    if joint is None or joint != model.n_joints - 1:
+    last = model.link_names[-1]
+    if robot.suffix.lower() == ".toml":
         raise ValueError(
-            f"{robot}: the link {flange} does not move with {model.link_names[-1]}, the model's last link; name one "
-            "that is fixed to it"
+            f"{robot}: a robot.toml names no link that is fixed to {last}; leave --flange and --robot out, and the "
+            "answer is in that link's frame"
+        )
+    chain = read_robot(robot, tip=last)
+    # Whoever identified a chain that begins further on chose a base.
+    if chain.joint_names[-model.n_joints :] != model.joint_names:
+        raise ValueError(
+            f"{robot}: the chain to {last} is not the model's; give the robot file that it was learned with"
+        )
+    joint, rotation, translation = chain.link_frame(flange)
+    if joint is None or joint != chain.n_joints - 1:
+        raise ValueError(
+            f"{robot}: the link {flange} does not move with {last}, the model's last link; name one that is fixed to it"
         )
     return rotation, translation
 
