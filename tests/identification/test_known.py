@@ -219,6 +219,16 @@ def test_a_terms_file_is_read(robot, tmp_path):
     np.testing.assert_array_equal(coefficients, known_term()[1])
 
 
+def test_a_sharpness_that_is_left_out_is_none(robot, tmp_path):
+    shape = {"stribeck_velocity": 0.1, "exponent": 1.0, "transition_width": 0.01}
+    numbers = [f"{name} = {value}" for name, value in (shape | {"stribeck_pos": 3.0, "stribeck_neg": 2.0}).items()]
+    lines = ["[[term]]", 'kind = "stribeck"', "joint = 1", *numbers]
+    for more, expected in (([], 0.0), (["sharpness = 2.5"], 2.5)):
+        ((effect, coefficients),) = read_terms(terms_file(tmp_path, lines + more), robot)
+        assert {name: values[1] for name, values in effect.shape} == shape | {"sharpness": expected}
+        assert coefficients[1].tolist() == [3.0, 2.0]
+
+
 def test_terms_of_one_kind_on_two_joints_are_one_effect(robot, tmp_path):
     second = ["", *(line.replace('"elbow"', "2").replace("a = 0.5", "a = 0.9").replace("60", "7") for line in TERM)]
     ((effect, coefficients),) = read_terms(terms_file(tmp_path, TERM + second), robot)

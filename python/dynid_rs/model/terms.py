@@ -4,7 +4,7 @@
 [[term]]
 kind = "counterbalance"    # a kind of the catalogue of effects
 joint = "joint_2"          # its name, or its index from 0
-a = 0.8                    # its shape parameters
+a = 0.8                    # its shape parameters; a sharpness may be left out
 b = 0.2
 phase = -1.48
 gas_length = 0.575
@@ -83,12 +83,13 @@ class _Parser:
             found = "is missing" if kind is None else f"{shown_value(kind)} is not known"
             raise self.fault(f"{where}, kind", f"{found}; {_hint(str(kind), catalogue)}")
         where = f"{where} ({kind})"
-        shape = [parameter["name"] for parameter in catalogue[kind]["shape"]]
+        shape = {parameter["name"]: parameter["absent"] for parameter in catalogue[kind]["shape"]}
         coefficients = {coefficient["name"]: coefficient for coefficient in catalogue[kind]["coefficients"]}
         for key in entry.keys() - {"kind", "joint", *shape, *coefficients}:
             raise self.fault(f"{where}, {key}", f"this key is not known; {_hint(key, [*shape, *coefficients])}")
         joint = self.joint(where, entry.get("joint"))
-        values = {name: self.number(where, name, entry) for name in [*shape, *coefficients]}
+        absent = {name: value for name, value in shape.items() if value is not None}
+        values = {name: self.number(where, name, absent | entry) for name in [*shape, *coefficients]}
         for name, coefficient in coefficients.items():
             if not coefficient["lower"] <= values[name] <= coefficient["upper"]:
                 sign = "at least 0" if coefficient["lower"] == 0 else "at most 0"
