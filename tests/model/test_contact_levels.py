@@ -10,7 +10,7 @@ from helpers.watched_arm import STEP, model, recorded
 
 import dynid_rs as dyn
 from dynid_rs.identification.directions import WIDER
-from dynid_rs.model.contact_levels import fit_tails
+from dynid_rs.model.contact_levels import Seen, fit_tails, fit_variances
 from dynid_rs.model.detection import detection_curve
 
 SECONDS = 70.0
@@ -63,6 +63,17 @@ def test_promised_false_contacts_are_held_on_runs_that_nobody_saw():
     # 31 are promised; a Poisson number of that mean is beyond 50 once in a thousand times.
     assert alarms <= 50
     assert alarms >= 5, "thresholds that are never passed are too high"
+
+
+def test_a_joint_that_shows_nothing_at_all_has_a_threshold_too():
+    """As a locked one does whose drive is off, in a simulation without noise."""
+    external, doing = np.random.default_rng(0).normal(size=(5000, 2)), np.zeros((5000, 2))
+    external[:, 1] = 0.0
+    found = fit_variances([Seen(external, doing, external, 0.004)], 0.02, "run")
+    variances = np.array([found[name] for name in ("moving", "standing", "turning")])
+    assert np.isfinite(variances).all()
+    assert (variances >= np.finfo(float).tiny).all()
+    assert found["torque"][1] == 0.0
 
 
 def test_a_file_keeps_it(tmp_path):

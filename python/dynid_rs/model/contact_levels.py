@@ -19,6 +19,8 @@ LEAST_SAMPLES = 100
 """Fewer independent samples of a joint that does something tell no variance."""
 LEAST_VARIANCE = 1e-6
 """Of the mean square: no state is known better, so that a joint without noise has a threshold too."""
+LEAST_SQUARE = 1e-100
+"""Mean square of a joint that shows nothing at all: its floor's square is still a number [torque unit^2]."""
 LEAST_STOPS = 20
 """A joint that has stopped, or turned, so often has shown what static friction it holds: after 20 the next one is the
 largest with a chance of one in 21, and the tail's level goes beyond the largest."""
@@ -67,7 +69,7 @@ def fit_variances(runs: Sequence[Seen], every: float, names: str) -> dict[str, A
     found = {name: np.zeros(n) for name in ("moving", "standing", "turning", "torque")}
     stops_known, turns_known = [], []
     for j in range(n):
-        mean = max(float(np.mean(square[:, j])), 1e-300)
+        mean = max(float(np.mean(square[:, j])), LEAST_SQUARE)
         shape = np.stack([doing[:, j] == k for k in (MOVING, STANDING, TURNING)], axis=1).astype(float)
         counts = shape.sum(axis=0)
         columns = np.column_stack([shape, torque[:, j] ** 2])

@@ -149,7 +149,7 @@ def _ratios(observer: MomentumObserver, run: Any) -> dict[str, FloatArray]:
     external = np.abs(seen.external)
     return {
         "identified": (external / seen.threshold).max(axis=1),
-        "constant": (external / observer.greatest_).max(axis=1),
+        "constant": (external / np.maximum(observer.greatest_, np.finfo(float).tiny)).max(axis=1),
     }
 
 
