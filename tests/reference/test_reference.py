@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import tolerances
 from helpers.data import data_file
+from helpers.whole_model import RESIDUALS, recorded_states, whole_model
 from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
@@ -255,6 +256,17 @@ def test_columns_of_changes_are_what_the_model_changes_by(reference, arm, robot,
                 h.joints,
             )
     assert kinds == {"payload", "gravity_tilt", "torque_gain", "friction", "torque_offset"}
+
+
+@pytest.mark.parametrize("inputs", [None, *RESIDUALS])
+def test_a_gain_is_one_of_every_term(robot, inputs):
+    """Of what a cube of the torque makes, and of the third loop, whose wind-up stays as it is, too."""
+    states = {name: np.nan_to_num(signal, nan=30.0) for name, signal in recorded_states().items()}
+    model, gain = whole_model(robot, states, inputs, seed=7), np.linspace(-0.2, 0.3, robot.n_joints)
+    _, terms, _ = model.evaluate(**states)
+    _, gained, _ = replace(Believed.unchanged(model, robot.phi), gain=gain).model().evaluate(**states)
+    for name, own, shown in zip(model.term_names, terms.swapaxes(0, 1), gained.swapaxes(0, 1), strict=True):
+        assert_allclose(shown, (1 + gain) * own, rtol=0, atol=1e-9 * np.abs(own).max(), err_msg=name)
 
 
 def test_what_differs_from_day_to_day_is_a_share_of_friction(reference, arm, robot):

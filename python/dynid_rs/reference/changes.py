@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.wording import is_friction
 from dynid_rs.model.assembly import evaluate, with_changes
+from dynid_rs.model.gain import gained_coefficients, gained_third_loop
 from dynid_rs.model.placement import gravity_steps, tilt_of, tilted_gravity
 from dynid_rs.reference.plausible import Plausible, plausible_phi
 from dynid_rs.reference.unseen import unseen_directions
@@ -107,13 +108,12 @@ class Believed:
                 for column, part in enumerate(PARTS[effect.kind], start=1):
                     for name in part:
                         changed[:, names.index(name)] += self.friction[:, column]
-            changed *= factor[:, None]
+            changed = gained_coefficients(effect, changed, factor)
             if effect.kind == OFFSET:
                 changed[:, 0] += self.offset
             effects.append((effect, changed))
-        model = with_changes(
-            like, robot=self.robot, phi=self.phi, effects=effects, torque_scale=(like.torque_scale * factor).tolist()
-        )
+        scale, third_loop = (like.torque_scale * factor).tolist(), gained_third_loop(like, factor)
+        model = with_changes(like, robot=self.robot, phi=self.phi, effects=effects, torque_scale=scale, **third_loop)
         return self._with_physical(model)
 
     def _with_physical(self, model: _core.TorqueModel) -> _core.TorqueModel:
