@@ -356,6 +356,8 @@ def test_a_wrong_wish_is_one_sentence_and_writes_nothing(run_command, tmp_path, 
 
 def test_what_a_robot_cannot_have_is_said(robot):
     sliding = _core.RobotModel.from_urdf_string(chain(["prismatic", "prismatic"]))
+    with pytest.raises(ValueError, match="needs a joint that feels a force on the last link's frame, and all"):
+        made(_core.RobotModel.from_urdf_string(chain(["revolute"])), "payload")
     with pytest.raises(ValueError, match="joint_elasticity needs a joint that turns, and this robot has none"):
         made(sliding, "joint_elasticity")
     mixed = _core.RobotModel.from_urdf_string(chain(["revolute", "prismatic"]))

@@ -75,6 +75,17 @@ class Site:
         return np.asarray(np.linalg.norm(torques, axis=0).max(axis=0))
 
     def force_for(self, share: float) -> float:
-        """Force [N] on the last link that takes at most `share` of any joint's effort limit."""
+        """Force [N] on the last link that takes at most `share` of any joint's effort limit.
+
+        Raises
+        ------
+        ValueError
+            No joint feels a force there.
+        """
         felt = self.reach > 1e-6 * self.reach.max()
+        if not felt.any():
+            raise ValueError(
+                "a payload or a contact needs a joint that feels a force on the last link's frame, and all of this "
+                "robot's axes go through it; take a robot with another joint before"
+            )
         return float(share * np.min(self.effort[felt] / self.reach[felt]))
