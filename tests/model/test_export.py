@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.engines import Pinocchio
 from helpers.link_models import bare_model, model_of
-from helpers.robots import random_chain, random_states
+from helpers.robots import chain, random_chain, random_states
 from helpers.small_arm import URDF, dynid, refusal, snapshot
 from numpy.testing import assert_allclose
 
@@ -148,6 +148,16 @@ def test_the_command_writes_the_file(odd, tmp_path):
     printed = dynid("export", tmp_path / "model.json", "--urdf", tmp_path / "min.urdf", "--json")
     assert printed.exit_code == 0
     assert (tmp_path / "min.urdf").read_bytes() == urdf(model)
+
+
+def test_rotor_inertias_are_said_in_the_joints_own_units(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain(["revolute", "prismatic"]))
+    model = model_of(RobotModel.from_urdf(path))
+    model.save(tmp_path / "model.json")
+    printed = dynid("export", tmp_path / "model.json", "--urdf", tmp_path / "out.urdf", "--robot", path)
+    turning, sliding = model.physical.rotor_inertia
+    assert f"joint by joint: {turning:.4g} kg*m^2, {sliding:.4g} kg\n" in printed.stdout
 
 
 @pytest.mark.parametrize(

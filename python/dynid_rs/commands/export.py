@@ -89,6 +89,7 @@ def _write_urdf(model: Path, target: Path, robot: Path | None, *, force: bool) -
     from dynid_rs.base.files import write_bytes
     from dynid_rs.commands._inputs import load_model, model_files
     from dynid_rs.model.export import urdf
+    from dynid_rs.model.units import own_unit
 
     if robot is not None and robot.suffix.lower() == ".toml":
         raise ValueError(f"--robot {robot}: only a URDF can be edited; leave it out for a URDF of links and joints")
@@ -110,8 +111,10 @@ def _write_urdf(model: Path, target: Path, robot: Path | None, *, force: bool) -
     }
     text = str(target)
     if robot is not None and physical.rotor_inertia.any():
-        rotors = ", ".join(f"{inertia:.4g}" for inertia in physical.rotor_inertia)
-        text += f"\nURDF has no place for rotor inertias; they are, joint by joint: {rotors} kg*m^2"
+        kinds = loaded.robot.joint_kinds
+        units = [own_unit("rotor_inertia", "N*m", kind) for kind in kinds]
+        rotors = ", ".join(f"{inertia:.4g} {unit}" for inertia, unit in zip(physical.rotor_inertia, units, strict=True))
+        text += f"\nURDF has no place for rotor inertias; they are, joint by joint: {rotors}"
     return answer, text
 
 
