@@ -167,6 +167,20 @@ def test_the_adapted_model_is_another_one_that_says_the_same(tmp_path):
     np.testing.assert_array_equal(model().evaluate(run.q[:5], run.dq[:5], run.ddq[:5])[0], before)
 
 
+def test_friction_of_a_physical_set_takes_the_factors_of_the_models():
+    n = model().robot.n_joints
+    ones, roots = np.ones(n), np.tile(np.eye(4), (n, 1, 1))
+    phi = dyn._core.phi_from_pseudo_inertia(roots)
+    bodies = model().with_physical(
+        dyn.PhysicalSet(phi, ones, damping=2 * ones, friction=3 * ones, drive_gain=ones),
+    )
+    factors = np.linspace(0.5, 1.5, n)
+    physical = dyn._core.with_adapted(bodies, factors.tolist(), (0.0, 0.0, 0.0, 0.0)).physical
+    np.testing.assert_allclose(physical.damping, 2 * factors)
+    np.testing.assert_allclose(physical.friction, 3 * factors)
+    assert dyn._core.with_adapted(bodies, factors.tolist(), (1.0, 0.0, 0.0, 0.0)).physical is None
+
+
 def test_positions_alone_are_followed_too():
     run = replace(recorded(120.0, 4501, change=CHANGES["friction grown"][0]), dq=None, ddq=None)
     followed = Adaptation(model(), watch=watching()).adapt(run)

@@ -92,8 +92,8 @@ impl Adapted {
 /// `model` with these factors on the friction of its joints, and with a load at its last link.
 ///
 /// The model is another one, to be written to another file. Friction that grows with the load sees the load here, which the
-/// torque of an [`Adaptation`](super::Adaptation) does not. Standard parameters ([`TorqueModel::physical`]) are those of the
-/// arm alone, and stay behind where there is a load.
+/// torque of an [`Adaptation`](super::Adaptation) does not. The friction of standard parameters ([`TorqueModel::physical`])
+/// takes the same factors; they are those of the arm alone, and stay behind where there is a load.
 ///
 /// # Errors
 /// [`CoreError`] if a length is wrong or a number is none that a model may have.
@@ -146,7 +146,15 @@ pub fn adapted_model(
         None => made,
     };
     match model.physical() {
-        Some(physical) if *load == [0.0; N_PAYLOAD] => made.with_physical(physical.clone()),
+        Some(physical) if *load == [0.0; N_PAYLOAD] => {
+            let mut physical = physical.clone();
+            for values in [&mut physical.damping, &mut physical.friction] {
+                for (value, factor) in values.iter_mut().zip(factors) {
+                    *value *= factor;
+                }
+            }
+            made.with_physical(physical)
+        }
         _ => Ok(made),
     }
 }
