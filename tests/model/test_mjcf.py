@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio
 import pytest
 from helpers.link_models import bare_model, model_of
-from helpers.robots import random_chain
+from helpers.robots import chain, random_chain
 from helpers.small_arm import dynid, refusal
 from numpy.testing import assert_allclose
 
@@ -118,8 +118,8 @@ def test_what_no_chain_expresses_is_refused(arm, old, new, said):
 @pytest.mark.parametrize("seed", range(6))
 def test_the_exported_models_have_the_estimators_torque(seed, tmp_path):
     """Along random states: rigid bodies and rotors, by MuJoCo and by Pinocchio, and by us from MuJoCo's file."""
-    chain = random_chain(seed)
-    robot = RobotModel.from_urdf_string(chain.urdf, gravity=chain.gravity)
+    drawn = random_chain(seed)
+    robot = RobotModel.from_urdf_string(drawn.urdf, gravity=drawn.gravity)
     model = model_of(robot, seed)
     physical = model.physical
     states = np.random.default_rng(seed).uniform(-2, 2, (3, N_STATES, robot.n_joints))
@@ -146,6 +146,25 @@ def test_the_exported_models_have_the_estimators_torque(seed, tmp_path):
     assert_allclose(torques, expected, rtol=0, atol=SAME_TORQUE * size)
     assert_allclose(in_pinocchio.damping, physical.damping)
     assert_allclose(in_pinocchio.friction, physical.friction)
+
+
+def test_a_declared_effort_limits_the_joints_torque_whatever_drives_the_motor(tmp_path):
+    """Of a motor that takes ampere its own range would be in ampere: 20 N m/A gave twenty times the torque."""
+    robot = RobotModel.from_urdf_string(chain(["revolute", "prismatic"]))
+    model = model_of(robot)
+    bodies = model.physical
+    driven = dyn.PhysicalSet(
+        bodies.phi, bodies.rotor_inertia, damping=bodies.damping, friction=bodies.friction, drive_gain=[20.0, 1.0]
+    )
+    path = tmp_path / "arm.xml"
+    path.write_text(mjcf(model.with_physical(driven)))
+    in_mujoco = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(in_mujoco)
+    for ctrl, torque in (([1e3, -1e3], [400.0, -400.0]), ([1.0, 1.0], [20.0, 1.0])):
+        data.ctrl[:] = ctrl
+        mujoco.mj_forward(in_mujoco, data)
+        assert_allclose(data.qfrc_actuator, torque)
+    assert dyn.read_robot(path).effort_limits.tolist() == [400.0, 400.0]
 
 
 def test_the_command_writes_a_mujoco_model(tmp_path):

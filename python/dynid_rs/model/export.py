@@ -45,8 +45,8 @@ def mjcf(model: _core.TorqueModel) -> str:
 
     Rotor inertias become ``armature``, viscous friction ``damping``, Coulomb friction ``frictionloss``. Each joint has
     a motor whose ``gear`` is the torque per unit of the model's torque channel: its ``ctrl`` is a joint torque [N*m],
-    a force [N], or a current [A] where currents were fitted. Gravity is that of the base frame. All
-    other effects are left out.
+    a force [N], or a current [A] where currents were fitted. Declared efforts become ``actuatorfrcrange``, which limits
+    joint torques. Gravity is that of the base frame. All other effects are left out.
 
     Raises
     ------

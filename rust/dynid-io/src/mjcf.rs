@@ -10,7 +10,8 @@ use crate::urdf::{triple, unlike_any};
 
 /// The chain as MJCF: `physical`'s inertials, rotor inertia as `armature`, viscous friction as `damping`, Coulomb friction
 /// as `frictionloss`, and as `gear` of each motor the torque per unit of the model's torque channel, so that what drives a
-/// motor (`ctrl`) is a joint torque \[N·m, N\], or a current \[A\] where currents were fitted.
+/// motor (`ctrl`) is a joint torque \[N·m, N\], or a current \[A\] where currents were fitted. Declared efforts are the
+/// joints' `actuatorfrcrange`.
 #[must_use]
 pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
     let joints = robot.joints();
@@ -45,7 +46,7 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
             i[(1, 2)]
         ));
         lines.push(format!(
-            "{indent}  <joint name=\"{}\" type=\"{}\" axis=\"{}\"{} armature=\"{:?}\" damping=\"{:?}\" frictionloss=\"{:?}\"/>",
+            "{indent}  <joint name=\"{}\" type=\"{}\" axis=\"{}\"{}{} armature=\"{:?}\" damping=\"{:?}\" frictionloss=\"{:?}\"/>",
             escape(joint.name.as_str()),
             match joint.kind {
                 JointKind::Prismatic => "slide",
@@ -53,6 +54,7 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
             },
             triple(&joint.axis),
             range(joint),
+            force(joint),
             physical.rotor_inertia[k],
             physical.damping[k],
             physical.friction[k]
@@ -65,8 +67,7 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
     for (joint, gear) in joints.iter().zip(&physical.drive_gain) {
         let name = escape(joint.name.as_str());
         lines.push(format!(
-            "    <motor name=\"{name}_motor\" joint=\"{name}\" gear=\"{gear:?}\"{}/>",
-            force(joint)
+            "    <motor name=\"{name}_motor\" joint=\"{name}\" gear=\"{gear:?}\"/>"
         ));
     }
     lines.extend(["  </actuator>".to_owned(), "</mujoco>".to_owned()]);
@@ -82,11 +83,11 @@ fn range(joint: &Joint) -> String {
     String::new()
 }
 
-/// The declared greatest torque at the joint.
+/// The declared greatest torque, at the joint: a motor's own range would count before its `gear`, in ampere.
 fn force(joint: &Joint) -> String {
     let effort = joint.limits.effort;
     if effort.is_finite() && effort > 0.0 {
-        return format!(" forcerange=\"{:?} {effort:?}\"", -effort);
+        return format!(" actuatorfrcrange=\"{:?} {effort:?}\"", -effort);
     }
     String::new()
 }
