@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
 from dynid_rs import RobotModel
-from dynid_rs.model.export import mjcf
+from dynid_rs.model.export import mjcf, urdf
 from dynid_rs.model.mjcf import urdf_of
 
 SAME_TORQUE = 1e-9
@@ -165,6 +165,25 @@ def test_a_declared_effort_limits_the_joints_torque_whatever_drives_the_motor(tm
         mujoco.mj_forward(in_mujoco, data)
         assert_allclose(data.qfrc_actuator, torque)
     assert dyn.read_robot(path).effort_limits.tolist() == [400.0, 400.0]
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
+@pytest.mark.parametrize(
+    "limit", ["", '<limit lower="-1" upper="2"/>', '<limit velocity="3"/>', '<limit lower="-1" upper="2" effort="4"/>']
+)
+def test_limits_that_a_robot_lacks_keep_no_reader_away(kind, limit):
+    """ROS takes no joint with half a limit, and no slide without one: robots out of MuJoCo's files have no speed."""
+    robot = RobotModel.from_urdf_string(chain([kind] * 2, limits=False).replace("</joint>", f"{limit}</joint>"))
+    model = model_of(robot)
+    in_pinocchio = dyn.to_pinocchio(model)
+    assert_allclose(in_pinocchio.velocityLimit, robot.velocity_limits)
+    assert_allclose(in_pinocchio.effortLimit, robot.effort_limits)
+    if in_pinocchio.nq == 2:
+        assert_allclose(in_pinocchio.lowerPositionLimit, robot.lower)
+        assert_allclose(in_pinocchio.upperPositionLimit, robot.upper)
+    back = RobotModel.from_urdf_string(urdf(model).decode())
+    for name in ("lower", "upper", "velocity_limits", "effort_limits"):
+        assert getattr(back, name).tolist() == getattr(robot, name).tolist(), name
 
 
 def test_the_command_writes_a_mujoco_model(tmp_path):

@@ -78,6 +78,10 @@ def to_pinocchio(model: _core.TorqueModel) -> Any:
     built = pinocchio.buildModelFromXML(urdf(model).decode())
     built.name = model.robot.name
     built.gravity.linear = model.robot.gravity
+    built.velocityLimit, built.effortLimit = model.robot.velocity_limits, model.robot.effort_limits
+    for joint, lower, upper in zip(list(built.joints)[1:], model.robot.lower, model.robot.upper, strict=True):
+        if joint.nq == 1:
+            built.lowerPositionLimit[joint.idx_q], built.upperPositionLimit[joint.idx_q] = lower, upper
     built.armature = physical.rotor_inertia
     built.damping = physical.damping
     built.friction = physical.friction

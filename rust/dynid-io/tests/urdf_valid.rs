@@ -150,10 +150,8 @@ fn limits_that_are_not_declared_are_infinite() {
             ..open
         }
     );
-    assert_eq!(
-        with("revolute", "<limit lower='-1.7e308' upper='1e300'/>").upper,
-        1e300
-    );
+    let beyond_any_robot = "<limit lower='-1.7e308' upper='1e30' velocity='1e30' effort='1e13'/>";
+    assert_eq!(with("prismatic", beyond_any_robot), open);
 }
 
 #[test]

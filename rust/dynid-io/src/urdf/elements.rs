@@ -1,7 +1,7 @@
 //! The attributes of each kinematic element, checked one by one.
 
 use super::document::{Mimic, Motion, Reference};
-use super::numbers::{moderate, not_negative, one, three};
+use super::numbers::{bound, moderate, not_negative, one, three};
 use super::source::shorten;
 use super::tag::{Attribute, Tag};
 use crate::text::nearest;
@@ -275,7 +275,7 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<String>)
     let read = |name: &str| {
         let mend = format!("{name}=\"number\", or leave it out for no limit");
         tag.get(name)
-            .map(|a| at(a, one(name, &a.value, &mend)).map(|number| (a, number)))
+            .map(|a| at(a, one(name, &a.value, &mend)).map(|number| (a, bound(number))))
             .transpose()
     };
     let (lower, upper) = (read("lower")?, read("upper")?);

@@ -1,11 +1,14 @@
 //! A URDF without an original: links and joints of the chain, and nothing else.
 
 use dynid_core::physical::PhysicalSet;
-use dynid_core::robot::{JointKind, RobotModel};
+use dynid_core::robot::{JointKind, JointLimits, RobotModel};
 use nalgebra::{Matrix3, Vector3};
 use quick_xml::escape::escape;
 
 use super::edit::{dynamics, inertial, triple};
+
+/// Stands for no limit where a number has to: [`super::parse`] reads it as none.
+const UNLIMITED: f64 = 1e30;
 
 /// A URDF of the chain alone: links without shapes, joints, inertials, friction, rotor inertias in Drake's notation.
 #[must_use]
@@ -43,19 +46,7 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
         ));
         lines.push(format!("    <child link=\"{link}\"/>"));
         lines.push(format!("    <axis xyz=\"{}\"/>", triple(&joint.axis)));
-        let declared: Vec<String> = [
-            ("lower", limits.lower),
-            ("upper", limits.upper),
-            ("velocity", limits.velocity),
-            ("effort", limits.effort),
-        ]
-        .iter()
-        .filter(|(name, value)| value.is_finite() && (bounded || !name.ends_with("er")))
-        .map(|(name, value)| format!(" {name}=\"{value:?}\""))
-        .collect();
-        if !declared.is_empty() {
-            lines.push(format!("    <limit{}/>", declared.concat()));
-        }
+        lines.extend(limit(limits, kind).map(|line| format!("    {line}")));
         let values = [
             ("damping", physical.damping[k]),
             ("friction", physical.friction[k]),
@@ -79,6 +70,34 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
     }
     lines.push("</robot>".to_owned());
     lines.join("\n") + "\n"
+}
+
+/// A `<limit>` as ROS reads it, which wants every number where it wants one: unless a joint turns on for ever, and of such
+/// a joint velocity and effort together.
+fn limit(limits: &JointLimits, kind: &str) -> Option<String> {
+    let JointLimits {
+        lower,
+        upper,
+        velocity,
+        effort,
+        ..
+    } = *limits;
+    let turns_on = kind == "continuous";
+    if turns_on && velocity.is_infinite() && effort.is_infinite() {
+        return None;
+    }
+    let numbers = [
+        ("lower", lower),
+        ("upper", upper),
+        ("velocity", velocity),
+        ("effort", effort),
+    ];
+    let first = if turns_on { 2 } else { 0 };
+    let written = numbers.iter().skip(first).map(|(name, number)| {
+        let number = number.clamp(-UNLIMITED, UNLIMITED);
+        format!(" {name}=\"{number:?}\"")
+    });
+    Some(format!("<limit{}/>", written.collect::<String>()))
 }
 
 /// `name`, made longer until no link has it.

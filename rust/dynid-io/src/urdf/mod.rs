@@ -14,7 +14,7 @@
 //! * `<limit>` may hold `acceleration`, as in URDF 1.2.
 //! * `rpy` is fixed-axis roll, pitch, yaw \[rad\]; the inertia is about the centre of mass, in the inertial frame.
 //! * An absent `<axis>` is `1 0 0`; any length but zero is brought to one.
-//! * Limits that are not declared are infinite; so are positions of a continuous joint. Of `lower` and `upper` one alone
+//! * Limits that are not declared are infinite; so are those beyond 1e12, and positions of a continuous joint. Of `lower` and `upper` one alone
 //!   leaves the other at zero, as the specification has it.
 //! * `<axis>`, `<limit>` and `<mimic>` of joints that do not move are not looked at. An attribute of `<limit>` that nobody
 //!   here knows is passed over where lower, upper, velocity and effort are all given.

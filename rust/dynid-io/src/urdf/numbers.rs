@@ -69,6 +69,15 @@ pub(super) fn moderate(name: &str, number: f64) -> Result<f64, String> {
     }
 }
 
+/// The bound that a limit means: one beyond any robot is none.
+pub(super) fn bound(number: f64) -> f64 {
+    if number.abs() > MAX_MAGNITUDE {
+        number.signum() * f64::INFINITY
+    } else {
+        number
+    }
+}
+
 /// Refuses a negative number. `meaning` says what the number is.
 ///
 /// # Errors
