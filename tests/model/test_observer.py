@@ -131,6 +131,22 @@ def test_fit_finds_the_correlation_time_and_clean_runs_are_clean(model):
     assert observer.observe(pushed).contact[pushed.t > 2.3].all()
 
 
+@pytest.mark.parametrize("ratio", [1.0, -1.0, -0.5])
+def test_a_stage_of_two_joints_sticks_whichever_way_it_adds_their_speeds(model, ratio):
+    """Beside what sticks of a joint's own: a half of a stage's step, or all of it, is what a hand feels at rest."""
+    partner, ratios, level = np.full(N, -1.0), np.ones(N), np.zeros((N, 2))
+    partner[4:], ratios[4:], level[4:, 0] = (5.0, 4.0), (ratio, 1 / ratio), (3.0, 3.0 * abs(ratio))
+    width = np.full(N, 0.005)
+    stage = _core.Effect.of("coupled_friction", partner=partner, ratio=ratios, transition_width=width)
+    parts = {"encoder_delay": [0.0] * N, "noise_std": NOISE.tolist(), "domain": model.domain}
+    coupled = dyn.TorqueModel(model.robot, model.phi, [*model.effects, (stage, level)], **parts)
+    still = np.zeros((50, N))
+    run = dyn.Recording(np.arange(50) / RATE, still, dq=still, ddq=still, tau=coupled.torque(still, still, still))
+    alone, both = (dyn.MomentumObserver(one).observe(run).threshold[-1] for one in (model, coupled))
+    np.testing.assert_allclose(both[:4], alone[:4])
+    np.testing.assert_allclose(both[4:] - alone[4:], level[4:, 0], rtol=0.1)
+
+
 def test_what_does_not_fit_is_refused(model):
     run = recording(model, 1.0)
     observer = dyn.MomentumObserver(model)

@@ -2,6 +2,7 @@
 
 use crate::effects::{smooth_friction, EffectInput, EffectTerm};
 use crate::model::TorqueModel;
+use crate::slices::{at, set};
 use crate::state::State;
 
 /// Speeds are slow where friction has not reached this part of its step.
@@ -13,6 +14,7 @@ pub(crate) fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
     let n = model.robot().n_joints();
     let zeros = vec![0.0; n];
     let mut found = vec![[0.0; 2]; n];
+    let mut all = vec![0.0; n];
     let mut low = vec![0.0; n];
     let mut high = vec![0.0; n];
     for effect in model.effects() {
@@ -24,19 +26,24 @@ pub(crate) fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
         let (effect, by_its_sign) = (of_sign.as_ref().unwrap_or(effect), of_sign.is_some());
         let mut half_step = |speed: f64| -> Vec<f64> {
             for (sign, out) in [(-1.0, &mut low), (1.0, &mut high)] {
-                let dq = vec![sign * speed; n];
-                let state = State {
-                    dq_motor: &dq,
-                    ..State::single(&zeros, &dq, &zeros)
-                };
-                let input = EffectInput {
-                    state,
-                    tau_link: &zeros,
-                    tau_motor: &zeros,
-                    step: 0.0,
-                    sign: None,
-                };
-                effect.torque_into(&input, &mut [], out);
+                for (j, out) in out.iter_mut().enumerate() {
+                    // The joint alone: a stage that the difference of two speeds turns would stand where both are alike.
+                    let mut dq = zeros.clone();
+                    set(&mut dq, j, sign * speed);
+                    let state = State {
+                        dq_motor: &dq,
+                        ..State::single(&zeros, &dq, &zeros)
+                    };
+                    let input = EffectInput {
+                        state,
+                        tau_link: &zeros,
+                        tau_motor: &zeros,
+                        step: 0.0,
+                        sign: None,
+                    };
+                    effect.torque_into(&input, &mut [], &mut all);
+                    *out = at(&all, j);
+                }
             }
             high.iter()
                 .zip(&low)
