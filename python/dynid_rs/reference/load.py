@@ -49,7 +49,7 @@ class Load:
     p_value : float
         Probability of a load as large as this one if there were none.
     rmse_before, rmse_after : ndarray (n_joints,)
-        Error without and with the load, in the band [N*m].
+        Error without and with the load, both beside what may differ from day to day, in the band [N*m].
     findings : list of Finding
         What a person should know.
     """
@@ -113,6 +113,7 @@ def weigh_load(
     ]
     with threadpool_limits(limits=1, user_api="blas"):
         search = ChangeSearch(Believed.unchanged(reference, reference.robot.phi), prepared, doubt)
+        before = _left(search)
         named = search.name(PAYLOAD)
         weighing = search.weigh()
         free, held = search.split()
@@ -127,10 +128,10 @@ def weigh_load(
         hidden = hidden_directions(weighing, places, free, held)
         counted = [states.counted for states in prepared]
         size = rmse([states.in_band(states.tau) - _mean(states) for states in prepared], counted)
-        before, after = (
-            rmse([s.in_band(s.tau - evaluate(b.model(), s)[0]) for s in prepared], counted)
-            for b in (Believed.unchanged(reference, reference.robot.phi), believed)
-        )
+        search.believed = believed
+        after = _left(search)
+        model = believed.model()
+        alone = rmse([states.in_band(states.tau - evaluate(model, states)[0]) for states in prepared], counted)
     rotation, translation = (np.eye(3), np.zeros(3)) if frame is None else frame
     value = _body(believed.payload, rotation, translation)
     slopes = _slopes(estimate, covariance, rotation, translation)
@@ -154,9 +155,16 @@ def weigh_load(
         )
     if loss.joints:
         findings.append(loss.finding(reference.robot.joint_names, float(shift[0])))
-    findings += _misfit(reference.robot.joint_names, after, size)
+    findings += _misfit(reference.robot.joint_names, alone, size)
     p_value = wald(estimate, covariance, np.ones(len(estimate), dtype=bool), shift)
     return Load(float(value[0]), value[1:4], value[4:], intervals, p_value, before, after, findings)
+
+
+def _left(search: ChangeSearch) -> FloatArray:
+    """Error (n_joints,) of what is believed, beside the friction and the offsets that differ from day to day."""
+    weighing, (_, held) = search.weigh(), search.split()
+    left = weighing.left(weighing.solve(np.zeros(0, dtype=np.intp), held))
+    return rmse(left, [states.counted for states in search.runs])
 
 
 def _mean(states: States) -> FloatArray:
@@ -166,21 +174,21 @@ def _mean(states: States) -> FloatArray:
     return mean
 
 
-def _misfit(joints: Sequence[str], after: FloatArray, size: FloatArray) -> list[Finding]:
+def _misfit(joints: Sequence[str], left: FloatArray, size: FloatArray) -> list[Finding]:
     """Joints on which model and load together tell nothing: what they leave is as large as the torque's deviation."""
-    lost = np.flatnonzero((after >= size) & (size > 0)).tolist()
+    lost = np.flatnonzero((left >= size) & (size > 0)).tolist()
     if not lost:
         return []
-    left = ", ".join(f"{after[j]:.3g} N m of {size[j]:.3g}" for j in lost)
+    said = ", ".join(f"{left[j]:.3g} N m of {size[j]:.3g}" for j in lost)
     return [
         Finding(
             "load_misfit",
             "warning",
-            f"with the load the model leaves {left} on {joint_words(*(joints[j] for j in lost))}, all that the torque "
+            f"with the load the model leaves {said} on {joint_words(*(joints[j] for j in lost))}, all that the torque "
             "there does: a channel, or the model, is wrong, and the load may be too; look with dynid inspect --robot "
             "at these runs and at those that the model was learned from",
             column=f"tau_{lost[0]}",
-            value=float(after[lost[0]]),
+            value=float(left[lost[0]]),
             unit="N*m",
         )
     ]
