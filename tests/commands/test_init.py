@@ -517,6 +517,17 @@ def test_one_column_in_degrees_is_named_and_not_taken_for_all(tmp_path):
     assert ("units_mixed", "q_1") in {(finding["code"], finding.get("column")) for finding in findings}
 
 
+def test_slides_in_millimetres_are_lengths_and_no_angles_nor_currents(tmp_path):
+    robot, columns = write_robot(tmp_path), run(0)
+    text = robot.read_text()
+    axis = text.index('type="revolute"')
+    robot.write_text(text[:axis] + 'type="prismatic"' + text[axis + len('type="revolute"') :])
+    columns = {**columns, "q_0": 1e3 * np.asarray(columns["q_0"])}
+    answer, written = init(tmp_path, robot, write_csv(tmp_path / "run.csv", columns))
+    assert [one["key"] for one in answer["taken"]] == ["[units] length"]
+    assert written["units"] == {"length": "mm"}
+
+
 def test_radians_that_are_called_degrees_are_asked_about(tmp_path):
     robot, paths = write_robot(tmp_path), [write_csv(tmp_path / f"run_{k}.csv", run(k)) for k in range(3)]
     (tmp_path / "deg.toml").write_text('[units]\nangle = "deg"\n')

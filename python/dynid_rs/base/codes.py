@@ -38,6 +38,7 @@ CODES: Mapping[str, Code] = {
     # One channel
     "units_degrees": Code("positions in degrees", "limits, or the torque", 'give [units] angle = "deg"'),
     "units_mixed": Code("one position in degrees, others in radians", "limits", "write that column in radians"),
+    "units_length": Code("lengths in millimetres", "limits", 'give [units] length = "mm"'),
     "units_radians": Code(
         "radians that are read as degrees", "no position beyond 2 pi of them", "take [units] angle out of dynid.toml"
     ),

@@ -182,6 +182,7 @@ def _proposals(robot: Any, found: Look) -> Iterator[Proposal]:
     for key, propose in (
         ("[units] time", _time),
         ("[units] angle", _angle),
+        ("[units] length", _length),
         ("[units] velocity", _velocity),
         ("[gear] ratio", _gear),
         ("[columns] current", _current),
@@ -209,14 +210,25 @@ def _time(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | None
 
 
 def _angle(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | None:
-    if "angle" in found.rules.units:
+    return _of_position(robot, runs, found, "angle", "deg", "units_degrees")
+
+
+def _length(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | None:
+    return _of_position(robot, runs, found, "length", "mm", "units_length")
+
+
+def _of_position(
+    robot: Any, runs: Sequence[Recording], found: Look, quantity: str, unit: str, code: str
+) -> Proposal | None:
+    """The positions' unit, by where they go."""
+    if quantity in found.rules.units:
         return None
     for run in runs:
         for limited in (robot, None):
-            said = next((one for one in check_limits(run, limited) if one.code == "units_degrees"), None)
+            said = next((one for one in check_limits(run, limited) if one.code == code), None)
             if said is not None:
-                rules = replace(found.rules, units={**found.rules.units, "angle": "deg"})
-                return Proposal("[units] angle", "deg", f"{run.name}: {fact(said.message)}", rules)
+                rules = replace(found.rules, units={**found.rules.units, quantity: unit})
+                return Proposal(f"[units] {quantity}", unit, f"{run.name}: {fact(said.message)}", rules)
     return None
 
 

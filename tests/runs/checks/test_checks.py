@@ -313,6 +313,63 @@ def test_degrees_against_limits_are_an_error():
     assert "position_limits" not in codes
 
 
+KINDS = ("prismatic", "revolute", "prismatic")
+
+
+def places(**changes):
+    """A run whose first and last joints slide, by what becomes of `q` and `q_motor` per joint."""
+
+    def change(a):
+        for joint, of in changes.items():
+            for name in ("q", "q_motor"):
+                a[name][:, int(joint[1])] = of(a[name][:, int(joint[1])])
+        a["dq"] = a["ddq"] = None
+
+    return change
+
+
+class Gantry(Robot):
+    """Limits of a slide, a joint that turns, and a slide."""
+
+    upper = np.array([2.0, 2.0, 2.0])
+    lower = -upper
+
+
+def millimetres(q):
+    return 1e3 * q
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "said"),
+    [
+        ({"j0": millimetres, "j2": millimetres}, "units_length", 'far beyond the limits of the robot, and all that slide fit as millimetres; if so write in dynid.toml: [units] length = "mm"'),
+        ({"j0": lambda q: q + 9.0}, "position_limits", " m, its limits are -2 to 2"),
+        ({"j0": lambda q: 1e-3 * q}, "joint_never_moves", "at least 0.005 m is motion"),
+        ({"j0": lambda q: 0.1 * q + (np.arange(N) > 600)}, "position_jump", " m is a large step"),
+        ({"j0": lambda q: 0.1 * q}, "small_motion", " m"),
+        ({"j1": np.degrees}, "units_degrees", "q_1 is far beyond the limits of the robot, and all fit as degrees"),
+    ],
+)  # fmt: skip
+def test_what_slides_is_judged_and_told_in_metres(changes, code, said):
+    found = check(places(**changes), Gantry(), kinds=KINDS)
+    assert {one.code for one in found if one.severity != "info"} <= {code}
+    finding = next(one for one in found if one.code == code)
+    assert said in finding.message
+    assert finding.unit == ("rad" if "j1" in changes else "m")
+
+
+def test_slides_in_millimetres_are_no_angles():
+    found = check(places(j0=millimetres, j2=millimetres), kinds=KINDS)
+    assert "units_degrees" not in {one.code for one in found}
+
+
+def test_a_locked_joint_is_not_in_degrees():
+    robot = Robot()
+    robot.lower, robot.upper = np.array([-2.0, 0.0, -2.0]), np.array([2.0, 0.0, 2.0])
+    found = check(places(j1=lambda q: 1e-3 * q), robot)
+    assert {one.code for one in found if one.severity != "info"} == {"joint_never_moves"}
+
+
 def test_robot_with_other_joints():
     robot = Robot()
     robot.lower = np.zeros(2)

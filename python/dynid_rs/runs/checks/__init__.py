@@ -101,9 +101,9 @@ def severity_order(finding: Finding) -> int:
 
 def _without_consequences(findings: list[Finding]) -> list[Finding]:
     """Findings less those that only say once more, in other words, what another one says."""
-    if any(f.code in ("units_degrees", "units_mixed") and f.severity == "error" for f in findings):
-        # Angles 57 times too large reach, jump and travel too far.
-        return [finding for finding in findings if finding.code not in (*_BROKEN, "position_limits")]
+    if any(f.code in ("units_degrees", "units_mixed", "units_length") and f.severity == "error" for f in findings):
+        # Angles 57 times too large reach, jump and travel too far, and lengths 1000 times.
+        return [f for f in findings if f.code not in (*_BROKEN, "position_limits", "encoder_offset")]
     broken = {_joint(finding) for finding in findings if finding.code in _BROKEN and "q" in _signal(finding)}
     coarse = {finding.column for finding in findings if finding.code == "lost_bits"}
     findings = [f for f in findings if f.column not in coarse or f.code not in ("stuck", "saturated", "position_jump")]

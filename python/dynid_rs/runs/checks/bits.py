@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.checks.motion import angle_unit, extent, label, moving_joints, torque_unit
 from dynid_rs.runs.recording import FloatArray, Recording
 
 IntArray = NDArray[np.int64]
@@ -50,9 +50,9 @@ def check_bits(rec: Recording) -> Iterator[Finding]:
             others = np.median(np.delete(steps, j)) if rec.n_joints > 1 else 0.0
             if signal == "tau":
                 if 0 < span / max(steps[j], 1e-300) < FEW_LEVELS and steps[j] > 0:
-                    yield _coarse(rec, signal, j, steps[j], rec.torque_unit)
+                    yield _coarse(rec, signal, j, steps[j], torque_unit(rec, j))
             elif steps[j] > COARSE_STEP or steps[j] > COARSE_FACTOR * others > 0:
-                yield _coarse(rec, signal, j, steps[j], "rad")
+                yield _coarse(rec, signal, j, steps[j], angle_unit(rec, j))
             else:
                 rows, size = _jumps(values[:, j]) or _gaps(values[:, j]) or (np.zeros(0, dtype=np.int64), 0.0)
                 # Smaller ones do no more harm than a coarse encoder, and whole turns are `wrapped`.
@@ -141,16 +141,17 @@ def _both_ways(jumps: FloatArray) -> bool:
 
 
 def _hanging(rec: Recording, signal: str, joint: int, rows: IntArray, size: float) -> Finding:
+    unit = angle_unit(rec, joint)
     return Finding(
         "lost_bits",
         "error",
-        f"{label(rec, signal, joint)} jumps to and fro by {size:.3g} rad {len(rows)} times, first at row "
-        f"{rows[0] + 2}: a bit of the encoder hangs; mend the encoder or its cable and record again",
+        f"{label(rec, signal, joint)} jumps to and fro by {size:.3g} {unit} {len(rows)} times, first at "
+        f"row {rows[0] + 2}: a bit of the encoder hangs; mend the encoder or its cable and record again",
         rec.name,
         f"{signal}_{joint}",
         (int(rows[0]), int(rows[-1]) + 2),
         size,
-        "rad",
+        unit,
     )
 
 

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.runs.cells import MIN_SPAN
 from dynid_rs.runs.checks.derivatives import agrees_outside
-from dynid_rs.runs.checks.motion import equal_runs, extent, is_same, label, moving_joints, spans
+from dynid_rs.runs.checks.motion import (
+    angle_unit,
+    equal_runs,
+    extent,
+    is_same,
+    label,
+    moving_joints,
+    spans,
+    torque_unit,
+)
 from dynid_rs.runs.checks.spikes import LONGEST, lone_rows
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -62,7 +71,8 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
             yield Finding(
                 "stuck",
                 "error" if moves[joint] else "warning",
-                f"{label(rec, 'tau', joint)} is {tau[0] + 0.0:g} {rec.torque_unit} in every row; its channel is dead",
+                f"{label(rec, 'tau', joint)} is {tau[0] + 0.0:g} {torque_unit(rec, joint)} in every row; its "
+                "channel is dead",
                 rec.name,
                 f"tau_{joint}",
                 (0, rec.n_samples),
@@ -102,13 +112,13 @@ def _still_joints(rec: Recording) -> Iterator[Finding]:
             "joint_never_moves",
             "warning" if moves.any() else "error",
             f"{joint_words(rec.joints[joint])} never moves (range {ranges[joint]:.2g}, at "
-            f"least {MIN_SPAN:g} rad is motion); "
+            f"least {MIN_SPAN:g} {angle_unit(rec, joint)} is motion); "
             "its friction and inertia cannot be identified from this run",
             rec.name,
             f"q_{joint}",
             (0, rec.n_samples),
             float(ranges[joint]),
-            "rad",
+            angle_unit(rec, joint),
         )
 
 
@@ -202,7 +212,7 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
             yield Finding(
                 "saturated",
                 "error",
-                f"{column} sits on its {word} value {limit:.6g} {rec.torque_unit} for "
+                f"{column} sits on its {word} value {limit:.6g} {torque_unit(rec, joint)} for "
                 f"{count} rows, first rows "
                 f"{plateaus[0][0] + 1} to {plateaus[0][1]}; the channel or the drive is "
                 "saturated: move less or slower",
@@ -210,7 +220,7 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
                 column,
                 (plateaus[0][0], plateaus[-1][1]),
                 float(limit),
-                rec.torque_unit,
+                torque_unit(rec, joint),
             )
 
 
@@ -263,15 +273,15 @@ def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterat
     jumps = (np.abs(np.diff(values)) > MIN_JUMP) & (steps > max(JUMP_FACTOR * usual, 0.5 * steps.max()))
     if jumps.any():
         row = int(np.argmax(jumps))  # of a jump and the way back the jump
-        size = float(abs(values[row + 1] - values[row]))
+        size, unit = float(abs(values[row + 1] - values[row])), angle_unit(rec, joint)
         yield Finding(
             "position_jump",
             "error",
-            f"{column} jumps by {size:.3g} rad at row {row + 2}, where {usual:.2g} rad is a large step; "
+            f"{column} jumps by {size:.3g} {unit} at row {row + 2}, where {usual:.2g} {unit} is a large step; "
             "lost samples or a broken channel: cut these rows out",
             rec.name,
             column,
             (row + 1, row + 2),
             size,
-            "rad",
+            unit,
         )

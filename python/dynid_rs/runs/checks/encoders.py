@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.base.findings import Finding, Severity, joint_words
-from dynid_rs.runs.checks.motion import correlation, extent, is_same, label, moving_joints, rms
+from dynid_rs.runs.checks.motion import angle_unit, correlation, extent, is_same, label, moving_joints, rms
 from dynid_rs.runs.recording import FloatArray, Recording
 
 MAX_DEFLECTION = 0.1
@@ -56,14 +56,15 @@ def _compare(rec: Recording, motors: FloatArray, joint: int) -> Iterator[Finding
         yield _mismatch(rec, motors, joint)
         return
     if abs(offset) > MAX_OFFSET:
+        unit = angle_unit(rec, joint)
         yield _finding(
             rec,
             joint,
             "encoder_offset",
             "warning",
-            f"lies {offset:+.3g} rad beside q_{joint}: the encoders have different zeros; subtract the offset",
+            f"lies {offset:+.3g} {unit} beside q_{joint}: the encoders have different zeros; subtract the offset",
             offset,
-            "rad",
+            unit,
         )
     yield from delay
 

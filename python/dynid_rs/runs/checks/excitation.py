@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.base.findings import Finding, joint_words
-from dynid_rs.runs.checks.motion import block_velocity, correlation, moving_joints, spans
+from dynid_rs.runs.checks.motion import angle_unit, block_velocity, correlation, moving_joints, spans
 from dynid_rs.runs.recording import FloatArray, Recording
 
 MIN_DURATION = 5.0
@@ -38,11 +38,12 @@ def check_excitation(rec: Recording) -> Iterator[Finding]:
         directions = fast[fast != 0]
         reversals = int(np.count_nonzero(np.diff(directions)))
         share = float(np.mean(np.abs(velocity[:, joint]) > _STILL))
+        unit = angle_unit(rec, joint)
         if ranges[joint] < SMALL_SPAN:
-            yield _hint(rec, joint, f"moves by only {ranges[joint]:.2g} rad", "small_motion", ranges[joint], "rad")
+            yield _hint(rec, joint, f"moves by only {ranges[joint]:.2g} {unit}", "small_motion", ranges[joint], unit)
         if speeds[joint] < SLOW:
-            text = f"reaches only {speeds[joint]:.2g} rad/s: inertia and viscous friction hardly show"
-            yield _hint(rec, joint, text, "slow_motion", speeds[joint], "rad/s")
+            text = f"reaches only {speeds[joint]:.2g} {unit}/s: inertia and viscous friction hardly show"
+            yield _hint(rec, joint, text, "slow_motion", speeds[joint], f"{unit}/s")
         if reversals < MIN_REVERSALS:
             times = "once" if reversals == 1 else f"{reversals} times"
             text = f"changes its direction {times}: friction hardly separates from gravity"

@@ -1,4 +1,4 @@
-"""Positions against what a joint can do: units that look like degrees, limits of the robot."""
+"""Positions against what a joint can do: units that look like degrees or millimetres, limits of the robot."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.runs.cells import ABSURD
-from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.cells import ABSURD, MIN_SPAN
+from dynid_rs.runs.checks.motion import angle_unit, extent, label, moving_joints
 from dynid_rs.runs.checks.spikes import FEW
 from dynid_rs.runs.recording import Recording
 
 DEGREE = np.pi / 180.0
+MILLIMETRE = 1e-3
 TURN, TWO_TURNS = 2 * np.pi, 4 * np.pi
 TOLERANCE = 0.01
 """Excess over a limit [rad, m] that calibration explains."""
@@ -55,11 +56,12 @@ def check_magnitudes(rec: Recording) -> Iterator[Finding]:
 
 
 def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
-    """Angles that look like degrees; positions beyond the limits of the robot."""
+    """Angles that look like degrees, lengths that look like millimetres; positions beyond the limits of the robot."""
     low, high, *_ = extent(rec, "q")
     largest = np.maximum(np.abs(low), np.abs(high))
+    turns = np.array([kind != "prismatic" for kind in rec.kinds])
     if robot is None:
-        moves = moving_joints(rec)
+        moves = moving_joints(rec) & turns
         wide = moves & (largest > TWO_TURNS) & _often(np.abs(rec.q) > TWO_TURNS)
         # One joint may turn round and round; half of the robot does not.
         if wide.sum() > 1 and 2 * wide.sum() >= moves.sum():
@@ -69,11 +71,21 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
     excess = np.maximum(lower - low, high - upper)
     beyond = excess > TOLERANCE
     limit = np.maximum(np.abs(lower), np.abs(upper))
-    fits = np.all((low * DEGREE >= lower - TOLERANCE) & (high * DEGREE <= upper + TOLERANCE))
-    far = (largest > 3 * limit) & _often(np.abs(rec.q) > 3 * limit)
-    if fits and np.any(far):
-        worst = int(np.argmax(np.where(far, largest / limit, 0.0)))
-        others = moving_joints(rec) & ~far
+    # A joint without a range, which its file locks, is beyond nothing.
+    far = (limit > 0) & (largest > 3 * limit) & _often(np.abs(rec.q) > 3 * limit)
+
+    def fits(joints: NDArray[np.bool_], factor: float) -> bool:
+        inside = (low * factor >= lower - TOLERANCE) & (high * factor <= upper + TOLERANCE)
+        return bool(np.any(far & joints) and np.all(inside[joints]))
+
+    # What would hardly move as millimetres has another zero.
+    if fits(~turns, MILLIMETRE) and np.all(MILLIMETRE * (high - low)[far & ~turns] > MIN_SPAN):
+        yield _millimetres(rec, int(np.argmax(np.where(~turns & far, largest, 0.0))), largest)
+        beyond &= turns
+    if fits(turns, DEGREE):
+        far &= turns
+        worst = int(np.argmax(np.where(far, largest / np.where(far, limit, 1.0), 0.0)))
+        others = moving_joints(rec) & turns & ~far
         if np.sum(others) >= np.sum(far) and np.all(largest[others] <= TURN):
             # As degrees most joints would hardly move; as radians they go where joints go.
             yield _mixed(rec, worst, float(largest[worst]))
@@ -83,17 +95,33 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
         return
     for joint in np.flatnonzero(beyond).tolist():
         outside = np.flatnonzero((rec.q[:, joint] < lower[joint]) | (rec.q[:, joint] > upper[joint]))
+        unit = angle_unit(rec, joint)
         yield Finding(
             "position_limits",
             "warning",
-            f"{label(rec, 'q', joint)} goes from {low[joint]:.4g} to {high[joint]:.4g} rad, its limits are "
+            f"{label(rec, 'q', joint)} goes from {low[joint]:.4g} to {high[joint]:.4g} {unit}, its limits are "
             f"{lower[joint]:.4g} to {upper[joint]:.4g}; check the robot, the zero position and the sign",
             rec.name,
             f"q_{joint}",
             (int(outside[0]), int(outside[-1]) + 1),
             float(excess[joint]),
-            "rad",
+            unit,
         )
+
+
+def _millimetres(rec: Recording, joint: int, largest: NDArray[np.float64]) -> Finding:
+    return Finding(
+        "units_length",
+        "error",
+        f"{label(rec, 'q', joint)} looks like millimetres: as metres it goes up to {largest[joint]:.4g}, far beyond "
+        "the limits of the robot, and all that slide fit as millimetres; if so write in dynid.toml: [units] length = "
+        '"mm"',
+        rec.name,
+        f"q_{joint}",
+        (0, rec.n_samples),
+        float(largest[joint]),
+        "m",
+    )
 
 
 def _mixed(rec: Recording, joint: int, largest: float) -> Finding:
@@ -122,13 +150,14 @@ def _limits(values: Any, missing: float) -> NDArray[np.float64]:
 
 
 def _degrees(rec: Recording, severity: Any, largest: NDArray[np.float64], text: str) -> Finding:
+    angles = np.where([kind != "prismatic" for kind in rec.kinds], largest, 0.0)
     return Finding(
         "units_degrees",
         severity,
         f'q looks like degrees: {text}; if so write in dynid.toml: [units] angle = "deg"',
         rec.name,
-        f"q_{int(np.argmax(largest))}",
+        f"q_{int(np.argmax(angles))}",
         (0, rec.n_samples),
-        float(largest.max()),
+        float(angles.max()),
         "rad",
     )

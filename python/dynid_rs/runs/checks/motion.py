@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.units import angle_units, torque_of
 from dynid_rs.runs.cells import MIN_SPAN
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -110,6 +111,16 @@ def label(rec: Recording, signal: str, joint: int) -> str:
     """Name a channel for people: ``tau_2 (elbow_joint)``, or ``tau_2`` where joints have no names."""
     name = rec.joints[joint]
     return f"{signal}_{joint}" if name == str(joint) else f"{signal}_{joint} ({name})"
+
+
+def angle_unit(rec: Recording, joint: int) -> str:
+    """Unit of a joint's position."""
+    return angle_units(rec.kinds)[joint]
+
+
+def torque_unit(rec: Recording, joint: int) -> str:
+    """Unit of a joint's torque channel."""
+    return torque_of(rec.torque_unit, rec.kinds[joint])
 
 
 def with_lines(rec: Recording, findings: Iterable[Finding]) -> list[Finding]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.base.spread import spread
-from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.checks.motion import angle_unit, extent, label, moving_joints
 from dynid_rs.runs.recording import FloatArray, Recording
 
 SIGMAS = 12.0
@@ -88,16 +88,17 @@ def check_spikes(rec: Recording) -> Iterator[Finding]:
         rows = lone_rows(rec, "dq", joint)
         if not len(rows):
             continue
+        unit = f"{angle_unit(rec, joint)}/s"
         worst = int(rows[np.argmax(np.abs(rec.dq[rows, joint]))])
         more = f" (and {len(rows) - 1} more)" if len(rows) > 1 else ""
         yield Finding(
             "velocity_spike",
             "error",
-            f"{label(rec, 'dq', joint)} is {rec.dq[worst, joint]:.4g} rad/s in row {worst + 1}{more}, far from the "
+            f"{label(rec, 'dq', joint)} is {rec.dq[worst, joint]:.4g} {unit} in row {worst + 1}{more}, far from the "
             "rows beside it; a damaged number: cut the row out",
             rec.name,
             f"dq_{joint}",
             (int(rows[0]), int(rows[-1]) + 1),
             float(rec.dq[worst, joint]),
-            "rad/s",
+            unit,
         )

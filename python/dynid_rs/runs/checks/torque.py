@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.runs.checks.motion import label, moving_joints
+from dynid_rs.runs.checks.motion import label, moving_joints, torque_unit
 from dynid_rs.runs.checks.spikes import FEW, few_rows, lone_rows
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -62,13 +62,13 @@ def _spike(rec: Recording, joint: int, rows: NDArray[np.intp], limit: float) -> 
     return Finding(
         "torque_spike",
         "error",
-        f"{label(rec, 'tau', joint)} is {tau[worst]:.4g} {rec.torque_unit} in row {worst + 1}{more}, where the rest of "
-        f"the run stays within {rest:.3g}{allowed}; a damaged number: cut the row out",
+        f"{label(rec, 'tau', joint)} is {tau[worst]:.4g} {torque_unit(rec, joint)} in row {worst + 1}{more}, where the "
+        f"rest of the run stays within {rest:.3g}{allowed}; a damaged number: cut the row out",
         rec.name,
         f"tau_{joint}",
         (worst, worst + 1),
         float(tau[worst]),
-        rec.torque_unit,
+        torque_unit(rec, joint),
     )
 
 
@@ -81,7 +81,7 @@ def _unit(rec: Recording, limits: FloatArray) -> Iterator[Finding]:
         return
     known = np.isfinite(limits)
     worst = int(np.argmax(usual))
-    reached = f"reaches {usual[worst]:.3g} times its effort limit of {limits[worst]:g} {rec.torque_unit}"
+    reached = f"reaches {usual[worst]:.3g} times its effort limit of {limits[worst]:g} {torque_unit(rec, worst)}"
     if len(beyond) > known.sum() / 2 and np.all(usual / MILLI < IN_LIMITS):
         text = (
             f'{reached}, and as N mm all joints stay within theirs; if so write in dynid.toml: [units] torque = "mN*m" '
