@@ -381,6 +381,19 @@ def test_ampere_is_said():
     assert "torque_in_ampere" in {f.code for f in check(torque_unit="A")}
 
 
+@pytest.mark.parametrize("moves", [False, True], ids=["stands", "hangs"])
+def test_a_coarse_velocity_without_a_zero_does_not_move_a_joint_that_stands(moves):
+    """Half a step of a 12 bit channel is 0.07 rad in six seconds; the joint that stands shows it, and nothing more."""
+    rng = np.random.default_rng(4)
+    t, q, dq, _ = motion(N)
+    rows = np.concatenate([np.arange(300), np.full(600, 300), np.arange(300, 600)])
+    q, dq = q[rows], np.where(rows[:, None] == 300, 0.5 if moves else 0.0, dq[rows])
+    tau = 0.5 * dq + 2.0 * np.cos(q) + 0.05 * rng.standard_normal(q.shape)
+    coarse = 0.022 * (np.floor(dq / 0.022) + 0.5)
+    found = check_recording(Recording(t=t, q=q, tau=tau, dq=coarse))
+    assert ("stuck" in {one.code for one in found}) is moves
+
+
 def test_standstill_at_the_ends_and_constant_speed_are_no_faults():
     """A trapezoid without noise: long equal stretches in dq, in q and in tau, all of them legitimate."""
     t = np.arange(3000) / 100.0

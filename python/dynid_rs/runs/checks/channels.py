@@ -155,10 +155,13 @@ def _frozen_position(rec: Recording, signal: str, positions: dict[str, FloatArra
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0]
     usual = float(np.percentile(moving, 99)) if moving.size else np.inf
-    speed = None
+    speed, quantum = None, 0.0
     if rec.dq is not None and agrees_outside(rec, values, rec.dq[:, joint], stretches):
         speed = rec.dq[:, joint].copy()
         speed[lone_rows(rec, "dq", joint)] = 0.0  # damaged numbers are no way
+        # A coarse channel that has no zero shows half a step of a joint that stands.
+        levels = np.unique(speed)
+        quantum = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
     others = [other for name, other in positions.items() if name != signal]
     for start, stop in stretches:
         # A channel that goes on is elsewhere; where it is back at once a sample was damaged.
@@ -169,6 +172,7 @@ def _frozen_position(rec: Recording, signal: str, positions: dict[str, FloatArra
         if speed is not None:
             dt, dq = np.diff(rec.t[start:stop]), speed[start:stop]
             travel = abs(float(np.sum(0.5 * (dq[1:] + dq[:-1]) * dt)))
+            travel -= quantum * float(rec.t[stop - 1] - rec.t[start])
         travel = max([travel, *(abs(float(other[stop - 1] - other[start])) for other in others)])
         # With a dead encoder (all equal) only a long way tells it from a joint that was held.
         if (jump > 5 * usual and jump > MIN_SPAN) or travel > FROZEN_TRAVEL:
