@@ -67,7 +67,10 @@ def test_the_model_that_is_written_holds_the_load_and_the_first_one_stays(arm, t
     options = ("--adapt", "friction,payload", "--adapt-mass", 4, "--save-adapted", tmp_path / "new.json")
     printed = dynid("estimate", folder / "model.json", folder / "loaded.parquet", *options)
     assert printed.exit_code == 0, printed.output
-    assert re.search(r"^payload at the end: (1\.[89]|2|2\.\d+) kg, first moments ", printed.stdout, re.MULTILINE)
+    assert re.search(
+        r"^payload at the end: (1\.[89]|2|2\.\d+) kg, first moments .* kg\*m$", printed.stdout, re.MULTILINE
+    )
+    assert re.search(r" s: payload \S+ -> \S+ kg$", printed.stdout, re.MULTILINE)
     assert (folder / "model.json").read_bytes() == before
     run = runs["loaded"]
     new, old = (dyn.TorqueModel.load(path) for path in (tmp_path / "new.json", folder / "model.json"))

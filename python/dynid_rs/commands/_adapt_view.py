@@ -57,10 +57,11 @@ def adapted(
 
 def lines(run: AdaptedRun, model: TorqueModel, parts: str, save: Path | None) -> Iterator[str]:
     """The log, then one line per joint, and the load."""
-    from dynid_rs.model.units import torque_units
+    from dynid_rs.model.units import load_unit, torque_units
 
     for one in run.log:
-        move = f"{_number(one.before)} -> {_number(one.now)}{_why(one.reason)}"
+        unit = "" if one.part == "friction" else f" {load_unit(model.torque_unit)}"
+        move = f"{_number(one.before)} -> {_number(one.now)}{unit}{_why(one.reason)}"
         yield f"{one.t:.1f} s: {_what(one.part, one.joint)} {move}"
     before, after = run.rmse()
     for j, (joint, unit) in enumerate(zip(model.robot.joint_names, torque_units(model), strict=True)):
@@ -69,9 +70,9 @@ def lines(run: AdaptedRun, model: TorqueModel, parts: str, save: Path | None) ->
         yield f"{joint}: {error} (online, {parts} following{factor} at the end)"
     if "payload" in parts:
         mass, *moments = run.load[-1]
-        mass_unit = "kg" if model.torque_unit == "N*m" else f"kg {model.torque_unit}/(N*m)"
+        mass_unit, moment_unit = (load_unit(model.torque_unit, kilograms) for kilograms in ("kg", "kg*m"))
         centre = ", ".join(_number(x) for x in moments)
-        yield f"payload at the end: {_number(mass)} {mass_unit}, first moments {centre}"
+        yield f"payload at the end: {_number(mass)} {mass_unit}, first moments {centre} {moment_unit}"
     if save is not None:
         yield f"adapted model: {save}"
 

@@ -111,9 +111,8 @@ def _write_urdf(model: Path, target: Path, robot: Path | None, *, force: bool) -
     }
     text = str(target)
     if robot is not None and physical.rotor_inertia.any():
-        kinds = loaded.robot.joint_kinds
-        units = [own_unit("rotor_inertia", "N*m", kind) for kind in kinds]
-        rotors = ", ".join(f"{inertia:.4g} {unit}" for inertia, unit in zip(physical.rotor_inertia, units, strict=True))
+        told = zip(physical.rotor_inertia, loaded.robot.joint_kinds, strict=True)
+        rotors = ", ".join(f"{inertia:.4g} {own_unit('rotor_inertia', 'N*m', kind)}" for inertia, kind in told)
         text += f"\nURDF has no place for rotor inertias; they are, joint by joint: {rotors}"
     return answer, text
 

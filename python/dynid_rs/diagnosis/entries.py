@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import p_value
-from dynid_rs.base.units import angle_units
 from dynid_rs.base.wording import ANOTHER_FUNCTION
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
@@ -20,6 +19,7 @@ from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loads import with_load
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.model.units import filled
 from dynid_rs.regression.columns import run_rows
 from dynid_rs.regression.error_interval import interval_of_change
 from dynid_rs.regression.evaluation import rmse
@@ -101,13 +101,11 @@ def _where(place: Place, names: Sequence[str]) -> dict[str, Any]:
 
 def _parameter(estimate: Estimate, found: Belief) -> dict[str, Any]:
     robot = found.setup.robot
-    angle = angle_units(robot.joint_kinds)[estimate.joint]
-    unit = estimate.unit.replace("{torque}", found.fit.torque_unit_).replace("{angle}", angle)
     return {
         "name": estimate.name,
         "joint": robot.joint_names[estimate.joint],
         "value": estimate.value,
-        "unit": unit,
+        "unit": filled(estimate.unit, found.fit.torque_unit_, robot.joint_kinds[estimate.joint]),
         "interval": None if estimate.interval is None else list(estimate.interval),
     }
 

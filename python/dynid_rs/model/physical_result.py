@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.units import torque_of
 from dynid_rs.model.physical import PhysicalIdentifier
 
 FloatArray = NDArray[np.float64]
@@ -45,7 +46,7 @@ def physical_section(
         "friction": friction.friction,
         "drive_gain": physical.drive_gain_ if model.torque_unit == "A" else None,
     }
-    section["reason"] = _reason(robot.joint_names, growth, section["drive_gain"])
+    section["reason"] = _reason(robot, growth, section["drive_gain"])
     return section
 
 
@@ -54,10 +55,10 @@ def _inertia(phi: FloatArray) -> dict[str, float]:
     return {name: float(x) for name, x in zip(_core.LINK_PARAMETER_NAMES, phi, strict=True) if name.startswith("I")}
 
 
-def _reason(joints: list[str], growth: FloatArray, drive_gain: FloatArray | None) -> str:
+def _reason(robot: _core.RobotModel, growth: FloatArray, drive_gain: FloatArray | None) -> str:
     """One or two sentences: what the set costs, and where its scale comes from."""
     worst = int(np.argmax(growth))
-    change = f"{100 * growth[worst]:+.1f} % on {joints[worst]}"
+    change = f"{100 * growth[worst]:+.1f} % on {robot.joint_names[worst]}"
     if growth[worst] > WORTH_SAYING:
         words = (
             f"Bodies that could be built do not explain the torque as well as the free model (error on the test runs: "
@@ -66,9 +67,10 @@ def _reason(joints: list[str], growth: FloatArray, drive_gain: FloatArray | None
     else:
         words = f"Bodies that could be built explain the torque as well as the free model (at most {change})."
     if drive_gain is not None:
-        gains = ", ".join(f"{gain:.3g}" for gain in drive_gain)
+        told = zip(drive_gain, robot.joint_kinds, strict=True)
+        gains = ", ".join(f"{gain:.3g} {torque_of('N*m', kind)}/A" for gain, kind in told)
         words += (
-            f" The runs hold currents: the common factor of the drive gains ({gains} N*m/A) is the one with which the "
+            f" The runs hold currents: the common factor of the drive gains ({gains}) is the one with which the "
             "robot file's inertials explain them best, and all masses are as right as it."
         )
     return words

@@ -20,7 +20,7 @@ from dynid_rs.base.json_file import is_object
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import angle_units
 from dynid_rs.model.healthy import LEAST_ROWS, Healthy, learn
-from dynid_rs.model.units import torque_units
+from dynid_rs.model.units import load_unit, torque_units
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -305,7 +305,6 @@ def _change(said: dict[str, Any], t: FloatArray, model: _core.TorqueModel) -> Ch
     kind, size, std = said["kind"], said["size"], said["std"]
     joints, torque_unit = model.robot.joint_names, model.torque_unit
     own, turn = torque_units(model)[said["joint"]], angle_units(model.robot.joint_kinds)[said["joint"]]
-    mass = "kg" if torque_unit == "N*m" else f"kg {torque_unit}/(N*m)"
     either = said["or"]
     return Change(
         float(t[said["sample"]]),
@@ -318,5 +317,5 @@ def _change(said: dict[str, Any], t: FloatArray, model: _core.TorqueModel) -> Ch
         None
         if either is None
         else ("a load" if either[0] == "load" else f"{kind_words(either[0])} of {joints[either[1]]}"),
-        {"load": mass, "offset": own, FROZEN: own, "delay": "s", "slip": turn}.get(kind, ""),
+        {"load": load_unit(torque_unit), "offset": own, FROZEN: own, "delay": "s", "slip": turn}.get(kind, ""),
     )

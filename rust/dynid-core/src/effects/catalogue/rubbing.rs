@@ -149,13 +149,13 @@ pub(super) const GEAR_HYSTERESIS: Entry = Entry {
     shape: &[
         shape(
             "hysteresis_load",
-            "N*m",
+            "{torque}",
             Rule::Positive,
             &[0.03, 0.1, 0.3, 1.0],
         )
         .of(Reference::Load)
         .refined(Scale::Log, 1e-4, 1e5),
-        shape("carried_load", "N*m", Rule::NonNegative, &[0.05])
+        shape("carried_load", "{torque}", Rule::NonNegative, &[0.05])
             .of(Reference::Load)
             .refined(Scale::Log, 1e-4, 1e5),
     ],
