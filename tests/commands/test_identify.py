@@ -18,7 +18,7 @@ from helpers.tolerances import ALGEBRAIC
 import dynid_rs
 from dynid_rs import TorqueModel
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.wording import is_better, verdict
+from dynid_rs.base.wording import _prior, _relative_errors, is_better, verdict
 from dynid_rs.commands._identify_view import _milliseconds
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.splitting import split_runs
@@ -309,7 +309,7 @@ def test_better_or_not(wls, after, better, words):
 
 def test_verdict_with_a_torque_that_never_changes():
     text = verdict(outcome((1.0, 1.0), (0.5, 0.5), std=(10.0, 0.0)))
-    assert "leaves 5.0 to 5.0 % of the torque's standard deviation" in text
+    assert "leaves 5.0 % of the torque's standard deviation" in text
     assert "no scale" in verdict(outcome((1.0, 1.0), (0.5, 0.5), std=(0.0, 0.0)))
 
 
@@ -445,3 +445,11 @@ def test_one_delay_reaches_the_user():
 
 def test_a_delay_of_nothing_has_no_sign():
     assert _milliseconds({"value": [-7e-10, 2.8e-3, 0.0], "measured": [True, True, False]}) == "0.00, 2.80, -"
+
+
+def test_of_one_joint_one_error_is_said():
+    one, two = np.array([0.1]), np.array([0.1, 0.2])
+    assert _relative_errors(one, 5 * one) == "20.0 % of the torque's standard deviation"
+    assert _relative_errors(two, np.ones(2)).startswith("10.0 to 20.0 % of")
+    prior = {"relative_uncertainty": {"links": 0.15, "rotors": None}, "n_directions": 1, "n_determined": 0.2}
+    assert "Of 1 combination of them the runs determine 0." in _prior({"prior": prior})

@@ -483,6 +483,7 @@ def test_effects_are_switched_on_one_by_one(run_command, tmp_path):
         (["--rate", "1"], "the rate must lie between"),
         (["--rate", "nan"], "the rate must lie between"),
         (["--runs", "0"], "the number of runs"),
+        (["--trajectory", "a.csv", "--trajectory", "b.csv", "--runs", "1"], "--runs 1 would leave out 1 of 2 --traj"),
         (["--noise", "-1"], "noise must be at least 0"),
         (["--noise", "nan"], "noise must be at least 0"),
         (["--delay", "2"], "delay must lie within"),

@@ -111,10 +111,11 @@ def _prior(result: dict[str, Any]) -> str:
         return ""
     off = prior["relative_uncertainty"]
     rotors = "" if off["rotors"] is None else f" (rotors: {_percent(off['rotors'])})"
+    combinations = f"{prior['n_directions']} combination{'' if prior['n_directions'] == 1 else 's'}"
     return (
         " Where these runs say little, the masses and inertias of the robot file decide; by the evidence they are "
-        f"wrong by about {_percent(off['links'])}{rotors}. Of {prior['n_directions']} combinations of them the runs "
-        f"determine {prior['n_determined']:.0f}."
+        f"wrong by about {_percent(off['links'])}{rotors}. Of {combinations} of them the runs determine "
+        f"{prior['n_determined']:.0f}."
     )
 
 
@@ -233,7 +234,8 @@ def _relative_errors(error: Any, std: Any) -> str:
     if not alive.any():
         return "errors that have no scale, because no torque changes on the test runs,"
     relative = 100 * error[alive] / std[alive]
-    return f"{relative.min():.1f} to {relative.max():.1f} % of the torque's standard deviation"
+    ends = dict.fromkeys(f"{end:.1f}" for end in (relative.min(), relative.max()))
+    return f"{' to '.join(ends)} % of the torque's standard deviation"
 
 
 def _mean_ratio(after: Any, before: Any) -> float:

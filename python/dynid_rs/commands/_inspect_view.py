@@ -51,7 +51,8 @@ def _show_run(out: Console, run: Run) -> None:
     lines = [
         f"{run.kind}, {rec.n_samples} rows, {rec.duration:.4g} s at {rec.rate:.4g} Hz, jitter "
         f"{100 * relative_jitter(rec):.0f} %, {n_gaps or 'no'} gap{'' if n_gaps == 1 else 's'}",
-        f"{rec.n_joints} joints, {encoders}, {f'torque in {torque}' if run.has_torque else 'no torque'}",
+        f"{rec.n_joints} joint{'' if rec.n_joints == 1 else 's'}, {encoders}, "
+        f"{f'torque in {torque}' if run.has_torque else 'no torque'}",
         "read: " + ", ".join([shown(columns.time), *(_span(names) for names in columns.signals.values())]),
     ]
     if columns.ignored:

@@ -119,8 +119,14 @@ def simulate(
     from dynid_rs.simulation import simulate as measure
     from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
+    trajectory = trajectory or []
     if trajectory and duration is not None:
         raise ValueError("--trajectory and --duration contradict each other, a plan has its own length; leave one out")
+    if runs is not None and 0 < runs < len(trajectory):
+        raise ValueError(
+            f"--runs {runs} would leave out {len(trajectory) - runs} of {len(trajectory)} --trajectory; "
+            "leave --runs out for one run of each, or those that are not to be played"
+        )
     check_folder(directory, [TRUTH_FILE])
     if not force:
         check_unfinished(directory, TRUTH_FILE)
@@ -131,7 +137,7 @@ def simulate(
     with goes_on(said), progress(Step(1, "reading"), Step(8, "run "), Step(1, "writing")) as say:
         say("reading")
         model = read_robot(source)
-        plans = [read_plan(path, model) for path in trajectory or ()]
+        plans = [read_plan(path, model) for path in trajectory]
         simulation = measure(
             _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay, model)),
             n_runs=runs if runs is not None else len(plans) or N_RUNS,
