@@ -10,6 +10,7 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.runs.readers import open_run, read_recording, read_run
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.file_words import in_file_words
+from dynid_rs.runs.readers.key_page import page
 
 JOINTS = ["a", "b"]
 ROWS = np.arange(50)
@@ -232,3 +233,9 @@ def test_a_file_that_is_called_like_a_channel_keeps_its_name():
     told = in_file_words(finding, columns)
     assert told.message == "all of Winkel A and Winkel B. are in q_0.csv, a/q_0 and run-q_1 too"
     assert told.column == "Winkel B"
+
+
+def test_the_page_says_what_becomes_of_units():
+    text = " ".join(page().split())
+    assert "A unit of another quantity in brackets is refused" in text
+    assert "may be a comment, and is a warning where its column is read" in text

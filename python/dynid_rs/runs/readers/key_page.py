@@ -22,8 +22,9 @@ with [dynid_toml.schema.json](dynid_toml.schema.json): `#:schema` and its addres
 `dynid init` writes the address of the schema of its own version, `{schema_url}`.
 
 What a header says itself (`q_0 [deg]`, `time_ms`, a row of units) is followed, and said; what stands here wins. A unit
-in brackets that is none of those below, in any spelling, is refused where its column is read and nothing here says
-the unit. Columns may be named as they stand in the file, or less a unit in brackets: `q_{i} [deg]` or `q_{i}`.
+of another quantity in brackets is refused; what is none of those below, in any spelling, may be a comment, and is a
+warning where its column is read and nothing here says the unit. Columns may be named as they stand in the file, or less
+a unit in brackets: `q_{i} [deg]` or `q_{i}`.
 
 This page is made of the code: `python -m dynid_rs.runs.readers.key_page` prints it.
 """
