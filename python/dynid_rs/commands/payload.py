@@ -156,12 +156,14 @@ def _lines(answer: dict[str, Any], findings: Sequence[Finding], unit: str) -> li
     for entry in answer["load"]:
         lines.append(f"  {entry['name']:<5}{entry['value']:>10.4g}  ({_bounds(entry)}) {entry['unit']}")
     lines += [f"{MAKERS[maker]}: {words}" for maker, words in answer["words"].items()]
-    loose = [entry["name"] for entry in answer["load"] if entry["name"] in MOMENTS and _may_be_none(entry)]
+    loose = [entry for entry in answer["load"] if entry["name"] in MOMENTS and _may_be_none(entry)]
     if loose:
-        lines.append(
-            f"note: these runs do not determine {', '.join(loose)}, which may as well be zero; runs in which the wrist "
-            "turns faster do"
+        names = ", ".join(entry["name"] for entry in loose)
+        # Of what no torque shows a finding says what to do.
+        faster = (
+            "" if any(entry["interval"] is None for entry in loose) else "; runs in which the wrist turns faster do"
         )
+        lines.append(f"note: these runs do not determine {names}, which may as well be zero{faster}")
     errors = zip(answer["joints"], answer["rmse"]["before"], answer["rmse"]["after"], strict=True)
     lines.append(
         f"error [{unit}] " + ", ".join(f"{joint} {before:.3g} -> {after:.3g}" for joint, before, after in errors)

@@ -12,6 +12,7 @@ from dynid_rs.base.wording import is_friction
 from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.model.gain import gained_coefficients, gained_third_loop
 from dynid_rs.model.placement import gravity_steps, tilt_of, tilted_gravity
+from dynid_rs.model.units import filled
 from dynid_rs.reference.plausible import Plausible, plausible_phi
 from dynid_rs.reference.unseen import unseen_directions
 from dynid_rs.runs.preprocessing import States
@@ -239,8 +240,8 @@ def hypotheses(believed: Believed, columns: ChangeColumns) -> list[Hypothesis]:
     """Return every change that is looked for."""
     n = believed.robot.n_joints
     everything = tuple(range(n))
-    unit = believed.reference.torque_unit
-    per = "" if unit == "N*m" else "*A/(N*m)"
+    torque_unit = believed.reference.torque_unit
+    per = "" if torque_unit == "N*m" else "*A/(N*m)"
     moments = ["kg"] + ["kg*m"] * 3 + ["kg*m^2"] * 6
     first = DAILY * n
     found = [
@@ -258,14 +259,15 @@ def hypotheses(believed: Believed, columns: ChangeColumns) -> list[Hypothesis]:
         found.append(Hypothesis(TILT, everything, places, ("roll", "pitch"), ("rad", "rad")))
     for j in range(n):
         found.append(Hypothesis(GAIN, (j,), np.array([first + 12 + j]), ("gain",), ("1",)))
-        speed = "rad" if believed.robot.joint_kinds[j] == "revolute" else "m"
+        kind = believed.robot.joint_kinds[j]
+        unit, viscous = (filled(one, torque_unit, kind) for one in ("{torque}", "{torque}*s/{angle}"))
         found.append(
             Hypothesis(
                 FRICTION,
                 (j,),
                 DAILY * j + np.arange(1, 4),
                 ("growth", "coulomb", "viscous"),
-                ("1", unit, f"{unit}*s/{speed}"),
+                ("1", unit, viscous),
             )
         )
         found.append(Hypothesis(OFFSET, (j,), np.array([DAILY * j]), ("offset",), (unit,)))

@@ -14,6 +14,7 @@ from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.identification.doubt import Doubt
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.units import torque_units
 from dynid_rs.reference.change_search import ChangeSearch, wald
 from dynid_rs.reference.changes import PAYLOAD, Believed
 from dynid_rs.reference.compare import check_runs
@@ -155,7 +156,7 @@ def weigh_load(
         )
     if loss.joints:
         findings.append(loss.finding(reference.robot.joint_names, float(shift[0])))
-    findings += _misfit(reference.robot.joint_names, alone, size)
+    findings += _misfit(reference, alone, size)
     p_value = wald(estimate, covariance, np.ones(len(estimate), dtype=bool), shift)
     return Load(float(value[0]), value[1:4], value[4:], intervals, p_value, before, after, findings)
 
@@ -174,12 +175,13 @@ def _mean(states: States) -> FloatArray:
     return mean
 
 
-def _misfit(joints: Sequence[str], left: FloatArray, size: FloatArray) -> list[Finding]:
+def _misfit(reference: _core.TorqueModel, left: FloatArray, size: FloatArray) -> list[Finding]:
     """Joints on which model and load together tell nothing: what they leave is as large as the torque's deviation."""
     lost = np.flatnonzero((left >= size) & (size > 0)).tolist()
     if not lost:
         return []
-    said = ", ".join(f"{left[j]:.3g} N m of {size[j]:.3g}" for j in lost)
+    joints, units = reference.robot.joint_names, torque_units(reference)
+    said = ", ".join(f"{left[j]:.3g} {units[j]} of {size[j]:.3g}" for j in lost)
     return [
         Finding(
             "load_misfit",
@@ -189,7 +191,7 @@ def _misfit(joints: Sequence[str], left: FloatArray, size: FloatArray) -> list[F
             "at these runs and at those that the model was learned from",
             column=f"tau_{lost[0]}",
             value=float(left[lost[0]]),
-            unit="N*m",
+            unit=units[lost[0]],
         )
     ]
 
