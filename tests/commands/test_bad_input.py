@@ -200,6 +200,20 @@ def test_joint_that_never_moves_in_any_run(folder):
     assert sentence.endswith("record a run that moves it")
 
 
+def test_a_joint_that_its_file_locks_is_to_be_fixed_there(folder):
+    robot = folder / "robot.urdf"
+    robot.write_text(
+        robot.read_text().replace('lower="-2" upper="2" velocity="3"', 'lower="0.3" upper="0.3" velocity="3"')
+    )
+    columns = run(0)
+    columns["q_1"][:] = 0.3
+    path = write(folder / "still.csv", columns)
+    said = refused(folder, path, "--test", *good(folder, 2))
+    assert said.endswith("cannot be learned, its limits lock it, so make it fixed in the robot file")
+    said = refusal(dynid("excite", robot, "-o", folder / "plan.csv"))
+    assert said == "joint elbow is locked at 0.3 by its limits; widen them, or make the joint fixed in the robot file"
+
+
 def test_joint_that_moves_in_one_run_is_enough(folder):
     columns = run(0)
     columns["q_1"][:] = 0.3

@@ -177,6 +177,8 @@ def test_joints_are_chosen_by_name_or_index():
     assert all(a is b for a, b in zip(run.plot(["q"], joints=[2, "shoulder"], axes=mine), mine, strict=True))
     with pytest.raises(ValueError, match="there is no joint 'knee'; expected some of shoulder, elbow, wrist"):
         run.plot(joints=["knee"])
+    with pytest.raises(ValueError, match=r"signals: none is given; .* holds q, tau, dq"):
+        run.plot([])
     with pytest.raises(ValueError, match="'q_motor' was not recorded; it holds q, tau, dq"):
         run.plot(["q_motor"])
     with pytest.raises(ValueError, match="6 axes are needed, 3 x 2, got 2"):

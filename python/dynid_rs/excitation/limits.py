@@ -77,8 +77,12 @@ class ExcitationLimits:
     def of_robot(cls, robot: RobotModel) -> ExcitationLimits:
         """Return the declared limits, with plausible ones where the robot declares none (URDF has no acceleration)."""
         declared = motion_limits(robot)
+        position = np.stack([declared.lower, declared.upper])
+        wrong = fault("position", position, robot.joint_names)
+        if wrong is not None:
+            raise ValueError(wrong)
         return cls(
-            np.stack([declared.lower, declared.upper]),
+            position,
             np.stack([-declared.velocity, declared.velocity]),
             np.stack([-declared.acceleration, declared.acceleration]),
         )
@@ -125,6 +129,11 @@ def fault(quantity: str, limits: FloatArray, joint_names: Sequence[str] | None =
         where = f"{quantity} of joint {joint}"
         if np.isnan([lower, upper]).any() or (quantity != "torque" and not np.isfinite([lower, upper]).all()):
             return f"the limits of {where} are {lower:g} and {upper:g}, expected finite numbers"
+        if quantity == "position" and lower == upper:
+            return (
+                f"joint {joint} is locked at {lower:g} by its limits; widen them, or make the joint fixed in the robot "
+                "file"
+            )
         if not lower < upper:
             return f"the lower limit of {where} is {lower:g} and the upper one {upper:g}; exchange or widen them"
         if quantity != "position" and not lower < 0 < upper:

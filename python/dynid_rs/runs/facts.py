@@ -111,10 +111,11 @@ def check_facts(
     _check_torque(runs)
     moves = np.any([run.moves for run in runs], axis=0)
     for j in np.flatnonzero(~moves) if all_move else ():
+        locked = robot.lower[j] == robot.upper[j]
+        mend = "its limits lock it, so make it fixed in the robot file" if locked else "record a run that moves it"
         raise DataError(
             f"{_names(runs)}: {joint_words(robot.joint_names[j])} never "
-            f"moves (q_{j} stays within {MIN_SPAN:g}); its friction and inertia cannot be learned, record a run that "
-            "moves it",
+            f"moves (q_{j} stays within {MIN_SPAN:g}); its friction and inertia cannot be learned, {mend}",
             code="joint_never_moves",
             file=first.name,
             column=f"q_{j}",

@@ -37,6 +37,8 @@ def plot_signals(
     for signal in asked:
         if signal not in recording.signals:
             raise ValueError(f"{recording.name}: {signal!r} was not recorded; it holds {', '.join(recording.signals)}")
+    if not asked:
+        raise ValueError(f"signals: none is given; {recording.name} holds {', '.join(recording.signals)}")
     chosen = chosen_joints(joints, recording.joints)
     drawn = panels(len(chosen), len(asked), axes)
     for row, j in zip(drawn, chosen, strict=True):
