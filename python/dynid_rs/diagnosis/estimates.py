@@ -62,11 +62,13 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     for effect in setup.effects:
         place = (effect.kind, effect.joints)
         scale = fit.links_.torque_scale_ if "tau_link" in CATALOGUE[effect.kind]["signals"] else np.ones_like(std)
-        known[place] = _coefficients(effect, fit.links_.x_[places[effect]], std[places[effect]], scale)
+        # Of currents no torque is known: what is one is told as the joint's channel shows it.
+        shown = scale if fit.torque_unit_ == "A" else np.ones_like(scale)
+        known[place] = _coefficients(effect, fit.links_.x_[places[effect]], std[places[effect]], scale, shown)
         known[place] += _chosen(effect)
         for slope in slopes:
             if slope.effect is effect:
-                known[place].append(_shape(effect, slope.name, float(std[at])))
+                known[place].append(_shape(effect, slope.name, float(std[at]), shown))
                 at += 1
     for h in structural:
         values = value_of(setup, h.kind, h.joints)
@@ -167,13 +169,19 @@ def _scatter(model: LinearModel, fit: Fit) -> FloatArray:
     return scatter
 
 
-def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray, scale: FloatArray) -> list[Estimate]:
-    """`scale` (n_joints,): what a joint's channel shows per unit of the load that the coefficients multiply."""
+def _coefficients(
+    effect: PlacedEffect, values: FloatArray, std: FloatArray, scale: FloatArray, shown: FloatArray
+) -> list[Estimate]:
+    """`scale` (n_joints,): what a joint's channel shows per unit of the load that the coefficients multiply.
+
+    `shown` (n_joints,): what it shows per unit of what is told as a torque.
+    """
     entry = CATALOGUE[effect.kind]["coefficients"]
     found = []
     for k, (value, half) in enumerate(zip(values, NORMAL_95 * std, strict=True)):
         c, j = entry[k % len(entry)], effect.joints[k // len(entry)]
-        own, half = float(value / scale[j]), float(half / scale[j])
+        per = scale[j] / (shown[j] if c["unit"] == "{torque}" else 1.0)
+        own, half = float(value / per), float(half / per)
         interval = None if j in effect.silent else _interval(own, half, c["lower"], c["upper"])
         found.append(Estimate(c["name"], j, own, interval, c["unit"]))
     return found
@@ -196,16 +204,22 @@ def _chosen(effect: PlacedEffect) -> list[Estimate]:
     return [Estimate(p["name"], j, effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few]
 
 
-def _shape(effect: PlacedEffect, name: str, std: float) -> Estimate:
+def _shape(effect: PlacedEffect, name: str, std: float, shown: FloatArray) -> Estimate:
     parameter = next(p for p in CATALOGUE[effect.kind]["shape"] if p["name"] == name)
-    value, half = effect.shape_at(effect.joints[0])[name], NORMAL_95 * std
+    j = effect.joints[0]
+    value, half = effect.shape_at(j)[name], NORMAL_95 * std
     interval: tuple[float, float] | None = None
     if not is_logarithmic(effect.kind, name):
         interval = (value - half, value + half)
     elif half < UNKNOWN:
         ends = sorted(value * np.exp([-half, half]))
         interval = (float(ends[0]), float(ends[1]))
-    return Estimate(name, effect.joints[0], value, interval, parameter["unit"])
+    if parameter["unit"] == "{torque}":
+        value, interval = (
+            value * shown[j],
+            None if interval is None else (interval[0] * shown[j], interval[1] * shown[j]),
+        )
+    return Estimate(name, j, float(value), interval, parameter["unit"])
 
 
 def _gain(fit: ThreeLoopIdentifier, j: int, std: FloatArray) -> Estimate:

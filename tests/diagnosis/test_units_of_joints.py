@@ -2,12 +2,15 @@
 
 import re
 
+import numpy as np
 import pytest
 from helpers.diagnosed import recorded, rigid, with_effects
 from helpers.small_arm import URDF
 
 import dynid_rs as dyn
+from dynid_rs.diagnosis.estimates import _coefficients, _shape
 from dynid_rs.model.physical_result import _reason
+from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.model.units import load_unit, shape_unit
 
 SLIDE = dyn.RobotModel.from_urdf_string(URDF.replace('"revolute"', '"prismatic"', 1), tip="upper")
@@ -35,3 +38,13 @@ def test_drive_gains_of_slides_are_forces_per_ampere():
 
 def test_moments_of_a_load_have_a_unit_as_its_mass_has():
     assert [load_unit(unit, "kg*m") for unit in ("N*m", "A")] == ["kg*m", "kg*m A/(N*m)"]
+
+
+def test_a_gear_loses_in_the_amperes_of_its_own_channel():
+    """Where the first joint shows 1 A of a load, the second shows 0.5; the model counts as the first."""
+    gear = PlacedEffect.at("gear_hysteresis", 1, hysteresis_load=2.0, carried_load=0.1)
+    scale = np.array([1.0, 0.5])
+    (lost,) = _coefficients(gear, np.array([0.3]), np.array([0.0]), scale, scale)
+    load = _shape(gear, "hysteresis_load", 0.1, scale)
+    assert (lost.value, load.value) == (0.3, 1.0)
+    assert load.interval[0] < 1.0 < load.interval[1] < 1.3
