@@ -82,7 +82,8 @@ impl Adaptation {
     fn could_be(&self, n: usize) -> bool {
         const ROUNDING: f64 = 1.0 + 1e-9;
         let squares = &self.squares;
-        let [least, most] = self.settings.factor;
+        // As they are followed: taken from one and added again, a limit may lie an ulp within itself.
+        let [least, most] = self.settings.factor.map(|factor| factor - 1.0);
         let entry = |a: usize, b: usize| at(&squares.covariance, a * n + b);
         let variances = (0..n).all(|a| {
             let own = entry(a, a);
@@ -95,10 +96,8 @@ impl Adaptation {
                 both == entry(b, a) && both * both <= ROUNDING * entry(a, a) * entry(b, b)
             })
         });
-        let of_friction = self.friction.used.iter().all(|x| {
-            let factor = 1.0 + x;
-            *x == 0.0 || (self.settings.friction && factor >= least && factor <= most)
-        });
+        let within = |x: &f64| self.settings.friction && (least..=most).contains(x);
+        let of_friction = self.friction.used.iter().all(|x| *x == 0.0 || within(x));
         let [mass, x, y, z] = self.load().0;
         let far = (x * x + y * y + z * z).sqrt();
         let of_load = if self.settings.payload {

@@ -421,6 +421,31 @@ fn what_was_known_goes_on_after_a_restart() {
 }
 
 #[test]
+fn what_stood_at_a_limit_goes_on_too() {
+    // 0.1 less one and one again is less than 0.1.
+    let settings = AdaptSettings {
+        factor: [0.1, 2.0],
+        ..FRICTION
+    };
+    let (mut first, mut arm) = (online(settings), Arm::new([-1.0, 3.0]));
+    arm.run(&mut first, 0..6000);
+    let own = first.adaptation().unwrap();
+    assert!(own.is_at_limit() && own.factor(0).0 < 0.1 && own.factor(1).0 == 2.0);
+    let mut numbers = vec![0.0; own.n_remembered()];
+    // Between rows only.
+    let k = (6000..6100).find(|k| {
+        arm.run(&mut first, *k..*k + 1);
+        first.adaptation().unwrap().is_between_rows()
+    });
+    assert!(k.is_some());
+    let own = first.adaptation().unwrap();
+    assert!(own.remember(&mut numbers).unwrap());
+    let mut second = online(settings);
+    second.adaptation_mut().unwrap().recall(&numbers).unwrap();
+    assert_eq!(known(&second), bits(&numbers));
+}
+
+#[test]
 fn limits_that_are_none_are_refused() {
     let wrong = [
         AdaptSettings {
