@@ -66,7 +66,7 @@ impl Door {
         Some(Self {
             fresh: cycle.clone(),
             cycle,
-            frame: frame_for(&model, &settings),
+            frame: frame_for(&model, &settings, false),
             memory: Scratch::new(n),
             received: vec![0; wire::most_state_bytes(n).div_ceil(8) * 8 + 8],
             sent: vec![0; wire::answer_bytes(n, model.n_terms())],
@@ -139,7 +139,7 @@ impl Door {
         format: Format,
         answered: &mut usize,
     ) -> Option<String> {
-        let mut frame = frame_for(&self.model, &self.settings);
+        let mut frame = frame_for(&self.model, &self.settings, false);
         let mut lines = Lines::new(bytes);
         let begun = Parser::begin(None, &mut lines, self.model.robot(), &mut frame);
         let mut parser = match begun {

@@ -135,7 +135,8 @@ pub fn run(
     real_time.lock_memory(watched.is_some())?;
     let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), settings.clone(), false));
     cycle = cycle.warm();
-    let mut live = Live::new(link, &model, &cycle, settings, most_terms);
+    let frame = frame_for(&model, settings, inbox.is_some());
+    let mut live = Live::new(link, frame, &cycle, settings, most_terms);
     live.inbox = inbox;
     live.notebook = notebook;
     live.outbox = settings.speaks().then(|| Outbox::open(&model));
@@ -154,13 +155,12 @@ pub fn run(
 impl Live {
     fn new(
         link: Link,
-        model: &TorqueModel,
+        frame: Frame,
         cycle: &Cycle,
         settings: &Settings,
         most_terms: usize,
     ) -> Self {
-        let n = model.robot().n_joints();
-        let frame = frame_for(model, settings);
+        let n = frame.n_joints();
         // One word more than any state, so that a longer message is seen to be one.
         let mut received = touched(wire::most_state_bytes(n).div_ceil(8) * 8 + 8);
         // The first state is rehearsed with a state of rest.

@@ -49,7 +49,7 @@ pub fn run(
     let mut notebook = Notebook::open(&mut cycle, settings)?;
     let mut clock = Clock::new(&model, settings.step);
     let mut rate = Rate::new(settings);
-    let mut frame = frame_for(&model, settings);
+    let mut frame = frame_for(&model, settings, inbox.is_some());
 
     let mut lines = Lines::new(source);
     let mut parser = Parser::begin(input, &mut lines, model.robot(), &mut frame)?;
@@ -124,11 +124,11 @@ pub fn run(
     Ok(real_time.report(&timing, sleeper))
 }
 
-/// A frame for what the model wants to know.
-pub fn frame_for(model: &TorqueModel, settings: &Settings) -> Frame {
+/// A frame for what the model wants to know; where it is watched, the one that comes may want more.
+pub fn frame_for(model: &TorqueModel, settings: &Settings, watched: bool) -> Frame {
     let follows_temperature = model.wants_temperature().contains(&true);
     Frame::new(model.robot().n_joints())
-        .wanting(TEMPERATURE, follows_temperature)
+        .wanting(TEMPERATURE, follows_temperature || watched)
         .wanting(TORQUE, settings.wants_torque())
 }
 

@@ -76,7 +76,13 @@ fn cycles_allocate_nothing() {
         let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
         sender.connect(address).unwrap();
         let mut cycle = Cycle::new(Arc::clone(&model), &settings).unwrap().warm();
-        let mut live = Live::new(Link::Udp(udp), &model, &cycle, &settings, MOST_TERMS);
+        let mut live = Live::new(
+            Link::Udp(udp),
+            frame_for(&model, &settings, false),
+            &cycle,
+            &settings,
+            MOST_TERMS,
+        );
         live.outbox = Some(Outbox::open(&model));
         let mut good = wire::zero_state(1);
         let (mut buffer, mut seen) = ([0; 4096], Status::OK);
@@ -133,7 +139,13 @@ impl Rig {
         };
         let (now, later) = (model(1.0), model(2.0));
         let cycle = Cycle::new(Arc::clone(&now), settings).unwrap();
-        let mut live = Live::new(link, &now, &cycle, settings, MOST_TERMS);
+        let mut live = Live::new(
+            link,
+            frame_for(&now, settings, false),
+            &cycle,
+            settings,
+            MOST_TERMS,
+        );
         live.inbox = Some(Inbox::empty());
         Self {
             live,

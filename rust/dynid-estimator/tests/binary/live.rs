@@ -11,7 +11,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::common::{command, model, Answer, Saved};
-use dynid_core::{State, TorqueEstimator};
+use dynid_core::effects::FRICTION_NAMES;
+use dynid_core::{Effect, EffectTerm, State, TorqueEstimator};
 
 const REPEATED: u32 = 16;
 const OUT_OF_ORDER: u32 = 32;
@@ -308,6 +309,38 @@ fn another_model_is_taken_between_two_cycles_and_a_bad_one_is_refused() {
     assert!(said.contains("the torque unit are not those"), "{said}");
     assert_eq!(pair.ask(&state(4)).tau(), tau_of(&mut estimator, 4));
     dynid_io::save(&model(), &saved.path()).unwrap();
+    pair.running.end().good();
+}
+
+#[test]
+fn another_model_may_follow_a_temperature_where_the_old_one_did_not() {
+    let saved = Saved::new();
+    let mut pair = Pair::start(&saved, &[PATIENT[0], PATIENT[1], "--watch"]);
+    let warm = |k| {
+        let numbers = [&numbers(k)[..], &[60.0, 60.0]].concat();
+        state_bytes(k, 0.001 * k as f64, 0b100_0111, &numbers)
+    };
+    pair.ask(&warm(1));
+    let mut shape = vec![
+        ("reference_temperature", vec![20.0; 2]),
+        ("transition_width", vec![0.01; 2]),
+    ];
+    shape.extend(FRICTION_NAMES.map(|name| (name, vec![1.0; 2])));
+    let effect = Effect::new("temperature_friction", &shape).unwrap();
+    let mut parts = crate::common::parts();
+    parts.effects = vec![EffectTerm::new(effect, vec![-0.01; 2], 2).unwrap()];
+    let model = dynid_core::TorqueModel::new(parts).unwrap();
+    dynid_io::save(&model, &saved.path()).unwrap();
+    pair.running.said("the new model is used from now on");
+    let mut estimator = TorqueEstimator::new(Arc::new(model));
+    let (x, mut tau) = (numbers(2), [0.0; 2]);
+    let state = State {
+        temperature: Some(&[60.0, 60.0]),
+        ..State::single(&x[..2], &x[2..4], &x[4..])
+    };
+    estimator.estimate_into(&state, &mut tau).unwrap();
+    let reply = pair.ask(&warm(2));
+    assert_eq!((reply.status, &reply.numbers[..2]), (0, &tau[..]));
     pair.running.end().good();
 }
 
