@@ -11,8 +11,11 @@ pub const TEMPERATURE: usize = N_MOTION;
 /// Place of the measured torque, which only an observer wants.
 pub const TORQUE: usize = N_MOTION + 1;
 
-/// Names of the signals, first ours, then what else is read as it; the motion in the order of [`Sample::motion`].
-pub const NAMES: [&[&str]; N_SIGNALS] = [
+/// Names of the signals, first ours, then what else is read as it.
+pub type Names = [&'static [&'static str]; N_SIGNALS];
+
+/// The motion in the order of [`Sample::motion`]; what is measured in ampere is a current, all else a torque.
+const NAMES: Names = [
     &["q"],
     &["dq", "qd"],
     &["ddq", "qdd"],
@@ -20,8 +23,9 @@ pub const NAMES: [&[&str]; N_SIGNALS] = [
     &["dq_motor", "qmd"],
     &["ddq_motor"],
     &["temperature", "temp"],
-    &["tau", "current"],
+    &["tau"],
 ];
+const CURRENT: &[&str] = &["current"];
 
 /// Names of the time.
 pub const TIME_NAMES: [&str; 3] = ["t", "time", "timestamp"];
@@ -59,6 +63,7 @@ pub struct Frame {
     /// Signal by signal, joint by joint.
     values: Vec<f64>,
     wanted: [bool; N_SIGNALS],
+    names: Names,
     present: Present,
 }
 
@@ -71,6 +76,7 @@ impl Frame {
             time: f64::NAN,
             values: vec![f64::NAN; N_SIGNALS * n_joints],
             wanted: std::array::from_fn(|signal| signal < N_MOTION),
+            names: NAMES,
             present: Present::default(),
         }
     }
@@ -79,6 +85,21 @@ impl Frame {
     pub fn wanting(mut self, signal: usize, wanted: bool) -> Self {
         self.wanted[signal] = wanted;
         self
+    }
+
+    /// The same for torques in this unit.
+    pub fn measured_in(mut self, torque_unit: &str) -> Self {
+        self.names[TORQUE] = if torque_unit == "A" {
+            CURRENT
+        } else {
+            NAMES[TORQUE]
+        };
+        self
+    }
+
+    /// What the signals are called.
+    pub fn names(&self) -> Names {
+        self.names
     }
 
     /// Becomes like `of`, a clone of which it was once; takes no memory.
@@ -148,6 +169,8 @@ mod tests {
         let names: Vec<&str> = NAMES.iter().map(|names| names[0]).collect();
         assert_eq!(state.signals().map(|(name, _)| name), names[..N_MOTION]);
         assert_eq!((names[TEMPERATURE], names[TORQUE]), ("temperature", "tau"));
+        let measured = |unit| Frame::new(1).measured_in(unit).names()[TORQUE];
+        assert_eq!((measured("A"), measured("N*m")), (CURRENT, NAMES[TORQUE]));
     }
 
     #[test]

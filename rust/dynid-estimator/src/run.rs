@@ -65,7 +65,10 @@ pub fn run(
     note_what_is_missing(&model, &frame, &cycle);
     if frame.wants(TORQUE) && !frame.present().signals[TORQUE] {
         return Err(Stop::Because(
-            "--observe, --changes and --adapt need the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
+            format!(
+                "--observe, --changes and --adapt need the measured torque of every joint in the model's unit, {}_0 and so on, which the input does not have",
+                frame.names()[TORQUE][0]
+            ),
         ));
     }
     if frame.present().is_differentiated() {
@@ -130,6 +133,7 @@ pub fn frame_for(model: &TorqueModel, settings: &Settings, watched: bool) -> Fra
     Frame::new(model.robot().n_joints())
         .wanting(TEMPERATURE, follows_temperature || watched)
         .wanting(TORQUE, settings.wants_torque())
+        .measured_in(model.torque_unit())
 }
 
 /// Watches that states come as far apart as the effects that change with time were told.

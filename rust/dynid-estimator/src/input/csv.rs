@@ -8,7 +8,7 @@ use dynid_core::RobotModel;
 
 use super::cells::{delimiter_of, number, Cells};
 use super::{shown, Fault, Lines};
-use crate::frame::{Frame, Present, NAMES, N_SIGNALS, TEMPERATURE, TIME_NAMES};
+use crate::frame::{Frame, Names, Present, N_SIGNALS, TEMPERATURE, TIME_NAMES};
 use crate::stop::Stop;
 
 /// What a column holds.
@@ -57,9 +57,8 @@ impl Columns {
             }
         };
         let joints: Vec<&str> = robot.joints().iter().map(|joint| &*joint.name).collect();
-        let wanted = std::array::from_fn(|signal| frame.wants(signal));
         let (columns, present) =
-            Self::from_header(&header, &joints, wanted).map_err(|fault| lines.fault(&fault))?;
+            Self::from_header(&header, &joints, frame).map_err(|fault| lines.fault(&fault))?;
         frame.set_present(present);
         Ok(columns)
     }
@@ -68,7 +67,7 @@ impl Columns {
     fn from_header(
         header: &[u8],
         joints: &[&str],
-        wanted: [bool; N_SIGNALS],
+        frame: &Frame,
     ) -> Result<(Self, Present), Fault> {
         let delimiter = delimiter_of(header);
         let names = Cells::new(header, delimiter)
@@ -81,7 +80,7 @@ impl Columns {
                 shown(header)
             )));
         }
-        let meanings = meanings(joints, wanted);
+        let meanings = meanings(joints, frame);
         let columns = names
             .iter()
             .map(|name| match meanings.get(name.as_str()).map(Vec::as_slice) {
@@ -94,8 +93,8 @@ impl Columns {
             })
             .collect::<Result<Vec<_>, _>>()?;
         refuse_twice(&names, &columns)?;
-        let present = present(&columns, joints)?;
-        refuse_more_joints(&names, &columns, joints)?;
+        let present = present(&columns, joints, &frame.names())?;
+        refuse_more_joints(&names, &columns, (joints, &frame.names()))?;
         let columns = Self {
             delimiter,
             names,
@@ -153,7 +152,7 @@ fn starts_with_number(line: &[u8], header: &[u8]) -> bool {
 }
 
 /// Every name that a column can have, with what it can mean.
-fn meanings(joints: &[&str], wanted: [bool; N_SIGNALS]) -> HashMap<String, Vec<Column>> {
+fn meanings(joints: &[&str], frame: &Frame) -> HashMap<String, Vec<Column>> {
     let mut meanings: HashMap<String, Vec<Column>> = HashMap::new();
     let mut add = |name: String, column| {
         let known = meanings.entry(name).or_default();
@@ -172,10 +171,11 @@ fn meanings(joints: &[&str], wanted: [bool; N_SIGNALS]) -> HashMap<String, Vec<C
             }
         }
     };
-    for (signal, aliases) in NAMES
+    for (signal, aliases) in frame
+        .names()
         .iter()
         .enumerate()
-        .filter(|(signal, _)| wanted[*signal])
+        .filter(|(signal, _)| frame.wants(*signal))
     {
         add_all(aliases, &|joint| Column::Value { signal, joint });
     }
@@ -202,12 +202,12 @@ fn refuse_twice(names: &[String], columns: &[Column]) -> Result<(), Fault> {
 }
 
 /// Which signals are there, for all joints.
-fn present(columns: &[Column], joints: &[&str]) -> Result<Present, Fault> {
+fn present(columns: &[Column], joints: &[&str], names: &Names) -> Result<Present, Fault> {
     let mut present = Present {
         time: columns.contains(&Column::Time),
         ..Present::default()
     };
-    for (signal, names) in NAMES.iter().enumerate() {
+    for (signal, names) in names.iter().enumerate() {
         let has = |joint| columns.contains(&Column::Value { signal, joint });
         let n_there = (0..joints.len()).filter(|joint| has(*joint)).count();
         present.signals[signal] = n_there > 0;
@@ -235,12 +235,16 @@ fn present(columns: &[Column], joints: &[&str]) -> Result<Present, Fault> {
 }
 
 /// A column that continues the count of joints comes from another robot.
-fn refuse_more_joints(names: &[String], columns: &[Column], joints: &[&str]) -> Result<(), Fault> {
+fn refuse_more_joints(
+    names: &[String],
+    columns: &[Column],
+    (joints, of_signals): (&[&str], &Names),
+) -> Result<(), Fault> {
     let counts_on = |name: &str| {
         let Some((signal, index)) = name.rsplit_once('_') else {
             return false;
         };
-        let mut motion = NAMES.iter().take(N_MOTION);
+        let mut motion = of_signals.iter().take(N_MOTION);
         motion.any(|aliases| aliases.contains(&signal))
             && index
                 .parse()
@@ -265,15 +269,13 @@ fn refuse_more_joints(names: &[String], columns: &[Column], joints: &[&str]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::TORQUE;
 
     const ARM: [&str; 2] = ["shoulder", "elbow"];
 
-    /// The motion and the temperature.
-    const WITH_TEMPERATURE: [bool; N_SIGNALS] = [true, true, true, true, true, true, true, false];
-    const MOTION: [bool; N_SIGNALS] = [true, true, true, true, true, true, false, false];
-
     fn fault(header: &str, joints: &[&str]) -> String {
-        Columns::from_header(header.as_bytes(), joints, WITH_TEMPERATURE)
+        let frame = Frame::new(joints.len()).wanting(TEMPERATURE, true);
+        Columns::from_header(header.as_bytes(), joints, &frame)
             .unwrap_err()
             .to_string()
     }
@@ -281,13 +283,13 @@ mod tests {
     #[test]
     fn columns_are_found_by_index_name_and_alias() {
         let header = "tau_0,time,qd_elbow,q_0,qdd_0,q_elbow,dq_0,ddq_1,qm_0,q_motor_elbow,note,";
-        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, MOTION).unwrap();
+        let mut frame = Frame::new(2);
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, &frame).unwrap();
         assert!(present.time);
         assert_eq!(
             present.signals,
             [true, true, true, true, false, false, false, false]
         );
-        let mut frame = Frame::new(2);
         frame.set_present(present);
         columns
             .parse(b"x,7,11,0,20,1,10,21,30,31,\"a,b\",", &mut frame)
@@ -307,22 +309,21 @@ mod tests {
         let numbers = ["1", "2"];
         assert!(fault("q_0,q_1,dq_0,dq_1,ddq_0,ddq_1", &numbers).contains("can mean two joints"));
         assert!(fault("q_motor_0", &["motor_0", "b"]).contains("can mean two joints"));
-        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"], MOTION).is_ok());
+        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"], &Frame::new(1)).is_ok());
     }
 
     #[test]
     fn temperatures_are_read_where_they_are_wanted_and_may_be_missing() {
         let header = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,temp_elbow,temperature_7";
         let row = b"0,0,0,0,0,0,41.5,hot";
-        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, MOTION).unwrap();
-        assert!(!present.signals[TEMPERATURE]);
         let mut frame = Frame::new(2);
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, &frame).unwrap();
+        assert!(!present.signals[TEMPERATURE]);
         columns.parse(row, &mut frame).unwrap();
         assert_eq!(frame.sample().temperature, None);
-        let (columns, present) =
-            Columns::from_header(header.as_bytes(), &ARM, WITH_TEMPERATURE).unwrap();
-        assert!(present.signals[TEMPERATURE]);
         let mut frame = Frame::new(2).wanting(TEMPERATURE, true);
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, &frame).unwrap();
+        assert!(present.signals[TEMPERATURE]);
         columns.parse(row, &mut frame).unwrap();
         let temperature = frame.sample().temperature.unwrap();
         assert!(temperature[0].is_nan());
@@ -330,6 +331,23 @@ mod tests {
         let valid = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,temp_0";
         let twice = fault(&format!("{valid},temperature_shoulder"), &ARM);
         assert!(twice.contains("repeats column \"temp_0\""));
+    }
+
+    #[test]
+    fn what_is_measured_is_what_the_model_gives() {
+        let header = "q_0,dq_0,ddq_0,tau_0,current_0";
+        for (unit, expected) in [("N*m", 3.0), ("A", 4.0)] {
+            let mut frame = Frame::new(1).wanting(TORQUE, true).measured_in(unit);
+            let (columns, present) =
+                Columns::from_header(header.as_bytes(), &["elbow"], &frame).unwrap();
+            frame.set_present(present);
+            columns.parse(b"0,1,2,3,4", &mut frame).unwrap();
+            assert_eq!(frame.sample().tau, Some(&[expected][..]));
+        }
+        let frame = Frame::new(1).wanting(TORQUE, true);
+        let (_, present) =
+            Columns::from_header(b"q_0,dq_0,ddq_0,current_0", &["elbow"], &frame).unwrap();
+        assert!(!present.signals[TORQUE]);
     }
 
     #[test]

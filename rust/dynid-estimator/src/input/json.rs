@@ -4,10 +4,9 @@ use std::fmt;
 
 use dynid_io::shorten_said;
 use serde::de::{self, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
-use serde::Deserialize;
 
 use super::Fault;
-use crate::frame::{Frame, Present, NAMES, TEMPERATURE, TIME_NAMES};
+use crate::frame::{Frame, Names, Present, TEMPERATURE, TIME_NAMES};
 
 /// The objects of a stream.
 #[derive(Debug, Default)]
@@ -49,14 +48,14 @@ impl Objects {
                 frame.set_present(present);
                 Ok(())
             }
-            Some(first) => Err(Fault::line(difference(first, present))),
+            Some(first) => Err(Fault::line(difference(first, present, &frame.names()))),
         }
     }
 }
 
 /// A signal that comes or goes would change the torque without a word.
-fn difference(first: Present, present: Present) -> String {
-    let names = NAMES.iter().map(|names| names[0]).chain([TIME_NAMES[0]]);
+fn difference(first: Present, present: Present, names: &Names) -> String {
+    let names = names.iter().map(|names| names[0]).chain([TIME_NAMES[0]]);
     let flags = |present: Present| present.signals.into_iter().chain([present.time]);
     let changed = names.zip(flags(first.steady()).zip(flags(present.steady())));
     for (name, (before, now)) in changed {
@@ -114,25 +113,30 @@ enum Key {
     Unknown,
 }
 
-impl<'de> Deserialize<'de> for Key {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct KeyVisitor;
-        impl Visitor<'_> for KeyVisitor {
-            type Value = Key;
+/// A key by these names.
+struct Known(Names);
 
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a key")
-            }
+impl<'de> DeserializeSeed<'de> for Known {
+    type Value = Key;
 
-            fn visit_str<E>(self, text: &str) -> Result<Key, E> {
-                if TIME_NAMES.contains(&text) {
-                    return Ok(Key::Time);
-                }
-                let signal = NAMES.iter().position(|names| names.contains(&text));
-                Ok(signal.map_or(Key::Unknown, Key::Signal))
-            }
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Key, D::Error> {
+        deserializer.deserialize_identifier(self)
+    }
+}
+
+impl Visitor<'_> for Known {
+    type Value = Key;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a key")
+    }
+
+    fn visit_str<E>(self, text: &str) -> Result<Key, E> {
+        if TIME_NAMES.contains(&text) {
+            return Ok(Key::Time);
         }
-        deserializer.deserialize_identifier(KeyVisitor)
+        let signal = self.0.iter().position(|names| names.contains(&text));
+        Ok(signal.map_or(Key::Unknown, Key::Signal))
     }
 }
 
@@ -156,13 +160,14 @@ impl<'de> Visitor<'de> for Keys<'_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Present, A::Error> {
         let frame = self.0;
+        let names = frame.names();
         let mut present = Present::default();
         frame.signal_mut(TEMPERATURE).fill(f64::NAN);
-        while let Some(key) = map.next_key::<Key>()? {
+        while let Some(key) = map.next_key_seed(Known(names))? {
             let (name, seen) = match key {
                 Key::Time => (TIME_NAMES[0], &mut present.time),
                 Key::Signal(signal) if frame.wants(signal) => {
-                    (NAMES[signal][0], &mut present.signals[signal])
+                    (names[signal][0], &mut present.signals[signal])
                 }
                 Key::Signal(_) | Key::Unknown => {
                     map.next_value::<IgnoredAny>()?;
@@ -274,6 +279,7 @@ impl Visitor<'_> for Number {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::TORQUE;
 
     fn parse(line: &str) -> Result<Frame, String> {
         let mut frame = Frame::new(2);
@@ -377,6 +383,16 @@ mod tests {
         Objects::default()
             .parse(line.as_bytes(), &mut Frame::new(1))
             .unwrap();
+    }
+
+    #[test]
+    fn what_is_measured_is_what_the_model_gives() {
+        let line = br#"{"q":[1],"dq":[1],"ddq":[1],"tau":[3],"current":[4]}"#;
+        for (unit, expected) in [("N*m", 3.0), ("A", 4.0)] {
+            let mut frame = Frame::new(1).wanting(TORQUE, true).measured_in(unit);
+            Objects::default().parse(line, &mut frame).unwrap();
+            assert_eq!(frame.sample().tau, Some(&[expected][..]));
+        }
     }
 
     #[test]

@@ -41,6 +41,20 @@ fn headers_that_do_not_fit() {
 }
 
 #[test]
+fn currents_are_no_torque_of_a_model_in_newton_meters() {
+    let saved = Saved::new();
+    let row = "0,0,0,0,0,0,7,7";
+    let currents = format!("{HEADER},current_0,current_1\n{row}\n");
+    let answer = saved.run(&["--observe"], currents);
+    answer.refused(&["in the model's unit, tau_0 and so on"]);
+    // A log that has both is read by the one.
+    let both = format!("{HEADER},current_0,current_1,tau_0,tau_1\n{row},1,1\n");
+    let torque = format!("{HEADER},tau_0,tau_1\n0,0,0,0,0,0,1,1\n");
+    let [both, torque] = [both, torque].map(|text| saved.run(&["--observe"], text).good().out);
+    assert_eq!(both, torque);
+}
+
+#[test]
 fn rows_that_are_broken() {
     let saved = Saved::new();
     for (row, words) in [
