@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from helpers.run_files import write
@@ -84,6 +85,23 @@ def test_a_run_that_cannot_be_watched_is_not_said_to_be_the_same(arm):
     assert printed.exit_code == 0
     assert "still.parquet: could not be watched" in printed.stdout
     assert json.loads(watched(arm, "still", options=["--json"]).stdout)["changed"] is None
+
+
+def test_a_frozen_channel_is_named_and_not_refused(arm):
+    """As online; without healthy runs, which say how long a value lasts, it is damage."""
+    run = recorded(40.0, 3)
+    tau = run.tau.copy()
+    tau[5000:10_000, 1] = tau[5000, 1]
+    write_runs(arm, {"frozen": replace(run, tau=tau)})
+    printed = watched(arm, "frozen", options=["--json"])
+    assert printed.exit_code == 1, printed.output
+    answer = json.loads(printed.stdout)
+    (named, withdrawn) = answer["runs"][0]["changes"]
+    assert (named["kind"], named["joint"], named["said"]) == ("frozen", answer["joints"][1], "named")
+    assert 10.0 < named["t"] < 11.0
+    assert withdrawn["said"] == "withdrawn"
+    assert not [one for one in answer["findings"] if one["code"] == "stuck"]
+    assert "frozen.parquet: tau_1 stays at" in refusal(dynid("watch", arm / "model.json", arm / "frozen.parquet"))
 
 
 def test_what_is_tolerated_is_not_said(arm):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -186,30 +186,35 @@ def read_runs(paths: list[Path], robot: Any, settings: Config) -> tuple[list[Rec
         A run is there twice: it would count twice in every interval. Or it is damaged: whatever is held against it
         tells of the damage.
     """
-    from dynid_rs.runs.checks import is_damage
     from dynid_rs.runs.splitting import refuse_repeats
 
     recordings, findings = _read(parted_sources(paths, [], robot, settings)[0])
-    for finding in filter(is_damage, findings):
-        raise finding.as_error()
+    refuse_damage(findings)
     refuse_repeats([], recordings)
     return recordings, findings
 
 
-def read_undamaged(source: RunFile) -> tuple[Recording, list[Finding]]:
+def read_undamaged(
+    source: RunFile, but: Callable[[Finding], bool] = lambda finding: False
+) -> tuple[Recording, list[Finding]]:
     """Read a run, as `read_runs` does; with its findings.
 
     Raises
     ------
     DataError, OSError
-        It cannot be read, or is damaged.
+        It cannot be read, or is damaged otherwise than by a finding that is `but`.
     """
+    recording, findings = source.read()
+    refuse_damage(finding for finding in findings if not but(finding))
+    return recording, findings
+
+
+def refuse_damage(findings: Iterable[Finding]) -> None:
+    """Raise the first that is damage, as `DataError`."""
     from dynid_rs.runs.checks import is_damage
 
-    recording, findings = source.read()
     for finding in filter(is_damage, findings):
         raise finding.as_error()
-    return recording, findings
 
 
 def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dynid_rs.base.changes import FROZEN
 from dynid_rs.commands import _options
 from dynid_rs.commands._rates import per_day
 from dynid_rs.commands._run import EXIT_NO, of_option, print_json, refused, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
+    from dynid_rs.base.findings import Finding
     from dynid_rs.model.watch import Tolerated, Watch, Watched
     from dynid_rs.runs.recording import Recording
 
@@ -108,6 +110,7 @@ def watch(
         read_runs,
         read_settings,
         read_undamaged,
+        refuse_damage,
         run_sources,
     )
     from dynid_rs.commands._watch_files import WatchFiles
@@ -138,8 +141,11 @@ def watch(
         errors: list[ValueError | OSError] = []
         for source in run_sources(runs, reference.robot, rules) if runs else ():
             try:
-                recording, found = read_undamaged(source)
-                watched.append(_watched(watching, recording, known, remember))
+                recording, found = read_undamaged(source, but=_is_of_a_torque_channel)
+                told = _watched(watching, recording, known, remember)
+                found = _unsaid(found, told, recording.joints)
+                refuse_damage(found)
+                watched.append(told)
             except (ValueError, OSError) as error:
                 errors.append(error)  # what comes later stands on it
                 break
@@ -172,6 +178,17 @@ def _watched(watching: Watch, recording: Recording, known: str | None, remember:
     except FormatError as error:  # of what is known, which only the file can be to blame for
         words = str(error).removeprefix("remembered: ").removesuffix(f"; {ANEW}").removesuffix("; begin anew")
         raise FormatError(f"{remember}: {words}; {ANEW}") from None
+
+
+def _is_of_a_torque_channel(finding: Finding) -> bool:
+    """Whether it says that a torque channel shows one value, which a watch may have a name for."""
+    return finding.code == "stuck" and (finding.column or "").startswith("tau_")
+
+
+def _unsaid(findings: list[Finding], told: Watched, joints: Sequence[str]) -> list[Finding]:
+    """Findings less those of channels that the watch calls frozen."""
+    frozen = {f"tau_{joints.index(one.joint)}" for one in (*told.before, *told.changes) if one.kind == FROZEN}
+    return [one for one in findings if not (_is_of_a_torque_channel(one) and one.column in frozen)]
 
 
 def _tolerated(said: Sequence[str]) -> Tolerated:
