@@ -325,6 +325,37 @@ def test_runs_of_different_rates_are_learned_from_together(tmp_path):
     assert "streamed" in {f["code"] for f in result["data"]["findings"]}
 
 
+def with_a_part_at_rest(columns):
+    """The same run, and after a gap a second in which it hardly begins to move."""
+    more = {name: values[-200:].copy() for name, values in columns.items()}
+    noise = np.random.default_rng(0)
+    for name, values in more.items():
+        if name != "t":
+            values[30:] = values[30] + noise.normal(0.0, 1e-6 if name.startswith("q") else 1e-2, 170)
+    more["t"] += 10.0
+    return {name: np.concatenate([values, more[name]]) for name, values in columns.items()}
+
+
+@pytest.mark.parametrize("place", [1, 2], ids=["learned from", "tested on"])
+def test_a_part_with_too_little_motion_is_left_out_as_in_memory(tmp_path, place):
+    robot, paths = write_robot(tmp_path), write_runs(tmp_path, n_runs=3)
+    write(paths[place], with_a_part_at_rest(run(place)))
+    arguments = ("identify", robot, *paths[:2], "--test", paths[2], "--residual", "none")
+    said = {}
+    for memory in ("4GB", "10MB"):
+        out = tmp_path / memory
+        printed = dynid(*arguments, "-o", out, "--memory", memory)
+        assert printed.exit_code in (0, 1), printed.output
+        result = json.loads((out / "result.json").read_text())
+        found = result["data"]["findings"]
+        assert ("streamed" in {f["code"] for f in found}) == (memory == "10MB")
+        left_out = [f["message"] for f in found if "this part is left out" in f["message"]]
+        said[memory] = left_out, result["data"]["train"], result["data"]["test"], result["data"]["n_samples"]
+    assert len(said["4GB"][0]) == 1
+    assert f"run_{place}.parquet (part 2 of 2)" in said["4GB"][0][0]
+    assert said["10MB"] == said["4GB"]
+
+
 def test_an_unreadable_run_in_the_middle(tmp_path):
     paths = write_runs(tmp_path, n_runs=3)
     middle = tmp_path / "run_0b.parquet"

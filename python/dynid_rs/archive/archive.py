@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.archive.reduction import Reduced, Reduction, Totals, reduce_run
+from dynid_rs.archive.reduction import LEFT_OUT, Reduced, Reduction, Totals, reduce_run
 from dynid_rs.archive.runs import RunSource, signals_of
 from dynid_rs.archive.sample import choose_pieces, cut_out, recording_bytes, work_space
 from dynid_rs.archive.settle import settled
@@ -19,7 +19,7 @@ from dynid_rs.archive.work import Work
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.identification.training import LEAST_ROWS, prepare_training_run
+from dynid_rs.identification.training import LEAST_ROWS, part_left_out, prepare_training_run
 from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
 from dynid_rs.runs.recording import Recording
 
@@ -152,6 +152,8 @@ class Archive:
     def fit(self, identifier: ThreeLoopIdentifier, sample: list[Recording], slow: list[Recording] | None) -> Learned:
         """Run the loops over the sample, then fit all that is linear to all runs.
 
+        Parts of runs (`runs/parts.py`) with too little motion are left out, of `surveys` too.
+
         Parameters
         ----------
         identifier : ThreeLoopIdentifier
@@ -171,12 +173,17 @@ class Archive:
         self._refuse_prior(identifier)
         identifier.fit(sample, slow, on_progress=lambda words: self._say(f"sample, {words}"))
         reduction = Reduction.of(identifier)
-        totals = Totals(reduction)
-        for entry in self._work.map(reduce_run, self.sources, reduction):
-            totals.add(Reduced.from_entry(entry))
-            self._say(f"reducing: {totals.n_runs} of {len(self.sources)} runs")
+        totals, kept, left_out = Totals(reduction), list[int](), list[Finding]()
+        for k, entry in enumerate(self._work.map(reduce_run, self.sources, reduction)):
+            if (why := entry[0].get(LEFT_OUT)) is None:
+                totals.add(Reduced.from_entry(entry))
+                kept.append(k)
+            else:
+                left_out.append(part_left_out(why, self.names[k]))
+            self._say(f"reducing: {k + 1} of {len(self.sources)} runs")
+        self.surveys, self.sources = [self.surveys[k] for k in kept], [self.sources[k] for k in kept]
         whole, rmse = settled(identifier, totals)
-        return Learned(whole, sample, totals.n_dropped, rmse, self._work.findings())
+        return Learned(whole, sample, totals.n_dropped, rmse, gathered_findings(left_out) + self._work.findings())
 
     def _refuse_prior(self, identifier: ThreeLoopIdentifier) -> None:
         if identifier.links is not None and identifier.links.prior == "robot":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs.archive.runs import RunSource, signals_of
 from dynid_rs.archive.survey import Entry
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, observations_of, wide_factor
+from dynid_rs.base.errors import DataError
 from dynid_rs.identification.friction import friction_effect
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loads import link_torque, with_load
@@ -20,7 +21,8 @@ from dynid_rs.identification.training import Excluded, prepare_training_run
 from dynid_rs.model.known import KnownTerm, less_known
 from dynid_rs.regression.columns import Observations, Plan, run_rows
 from dynid_rs.regression.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
-from dynid_rs.runs.preprocessing import Band, States, is_of_load
+from dynid_rs.runs.parts import is_part
+from dynid_rs.runs.preprocessing import TOO_LITTLE, Band, States, is_of_load
 from dynid_rs.runs.recording import Delay
 
 if TYPE_CHECKING:
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PLANS = ("baseline", "two_loops", "model")
+LEFT_OUT = "left_out"
+"""Key of an entry of a part that nothing is learned from: why."""
 _EXTREMES = ("q_low", "q_high", "dq_top", "ddq_top")
 
 
@@ -130,23 +134,28 @@ def _triangle(upper: FloatArray) -> FloatArray:
 
 
 def reduce_run(source: RunSource, reduction: Reduction) -> Entry:
-    """Read one run again and reduce it: a unit of work.
+    """Read one run again and reduce it: a unit of work. Of a part with too little motion only `LEFT_OUT` remains.
 
     Raises
     ------
     DataError, OSError
-        It cannot be read, or holds too little motion.
+        It cannot be read, or holds too little motion and is no part.
     """
     recording = signals_of(source)
     windows = reduction.excluded.get(recording.name, ())
-    states = prepare_training_run(
-        recording,
-        reduction.band,
-        reduction.rate,
-        windows,
-        torque_delay=reduction.torque_delay,
-        standstill=reduction.standstill,
-    )
+    try:
+        states = prepare_training_run(
+            recording,
+            reduction.band,
+            reduction.rate,
+            windows,
+            torque_delay=reduction.torque_delay,
+            standstill=reduction.standstill,
+        )
+    except DataError as error:
+        if error.code != TOO_LITTLE or not is_part(recording.name):
+            raise
+        return {LEFT_OUT: str(error)}, {}
     del recording  # nothing needs its full rate any more
     seen = _as_seen(states, reduction, reduction.encoder_delay)
     factors = {}
@@ -204,7 +213,7 @@ class Totals:
 
     def __init__(self, reduction: Reduction) -> None:
         self.reduction = reduction
-        self.n_rows, self.n_dropped, self.n_runs = 0, 0, 0
+        self.n_rows, self.n_dropped = 0, 0
         self.n_counted = np.zeros(len(next(iter(reduction.plans.values())).own), dtype=np.int64)
         self.products: FloatArray | None = None
         self.extremes: dict[str, FloatArray] = {}
@@ -212,7 +221,6 @@ class Totals:
 
     def add(self, reduced: Reduced) -> None:
         """Take in the next run."""
-        self.n_runs += 1
         self.n_rows += reduced.n_rows
         self.n_counted = self.n_counted + reduced.n_counted
         self.n_dropped += reduced.n_dropped

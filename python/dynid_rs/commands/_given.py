@@ -116,6 +116,7 @@ def _survey(
     from dynid_rs.archive import Archive
     from dynid_rs.archive.archive import fits
     from dynid_rs.archive.sample import content_key
+    from dynid_rs.identification.training import parts_in_motion
     from dynid_rs.runs.checks.clocks import Clock, check_clocks
     from dynid_rs.runs.splitting import last_run_kept, refuse_another_kind
 
@@ -148,4 +149,8 @@ def _survey(
         refuse_another_kind(archive.surveys[0].facts, recording)
     sample = archive.sample(cutoff)
     found = [finding for _, findings in read for finding in findings]
+    # Of the training runs every part is looked at when it is reduced.
+    names = {recording.name for recording in test}
+    _, test, said = parts_in_motion(sample, test, cutoff)
+    found += [finding for finding in said if finding.file in names]
     return Given(sample, test, [*archive.findings(), *found, *chosen, archive.described(sample)], archive)

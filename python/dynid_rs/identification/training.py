@@ -117,7 +117,7 @@ def parts_in_motion(
             except DataError as error:
                 if error.code != TOO_LITTLE:
                     raise
-                said.append(Finding("long_gap", "info", f"{error}; this part is left out", recording.name))
+                said.append(part_left_out(str(error), recording.name))
             else:
                 kept.append(recording)
         return kept or list(recordings)
@@ -125,6 +125,11 @@ def parts_in_motion(
     learned = moving(train, lambda recording: prepare_training_run(recording, band, rate))
     tested = moving(test, lambda recording: check_motion([prepare(recording, band, rate)]))
     return learned, tested, [f for f in said if f.file not in {r.name for r in (*learned, *tested)}]
+
+
+def part_left_out(why: str, name: str) -> Finding:
+    """Say that nothing is learned from a part of a run, or tested on it."""
+    return Finding("long_gap", "info", f"{why}; this part is left out", name)
 
 
 def prepare_training_runs(
