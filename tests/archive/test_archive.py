@@ -325,6 +325,19 @@ def test_runs_of_different_rates_are_learned_from_together(tmp_path):
     assert "streamed" in {f["code"] for f in result["data"]["findings"]}
 
 
+def test_a_torque_of_the_other_sign_is_named_by_the_sample(tmp_path):
+    robot = write_robot(tmp_path)
+    runs = [run(k) for k in range(3)]
+    paths = [write(tmp_path / f"run_{k}.parquet", one | {"tau_1": -one["tau_1"]}) for k, one in enumerate(runs)]
+    printed = dynid("identify", robot, *paths, "-o", tmp_path / "out", "--memory", "10MB", "--residual", "none")
+    assert printed.exit_code == 1, printed.output
+    found = json.loads((tmp_path / "out" / "result.json").read_text())["data"]["findings"]
+    assert {"streamed", "torque_flipped"} <= {f["code"] for f in found}
+    (flipped,) = [f for f in found if f["code"] == "torque_flipped"]
+    assert "tau = [1, -1, 1]" in flipped["message"]
+    assert flipped.get("rows") is None
+
+
 def with_a_part_at_rest(columns):
     """The same run, and after a gap a second in which it hardly begins to move."""
     more = {name: values[-200:].copy() for name, values in columns.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,18 +112,19 @@ class Job:
         given = read_given(
             runs, test, self.test_from, model, settings, memory=limit, cutoff=self.cutoff, say=say, work=work
         )
-        sound = given.archive is None and not any(is_damage(finding) for finding in given.findings)
+        sound = not any(is_damage(finding) for finding in given.findings)
         if sound:
             say("channels")
             wrong = channels_of(model, [*given.train, *given.test])
-            given.findings += wrong
+            # Of a sample's pieces the rows would not be the run's.
+            given.findings += wrong if given.archive is None else [replace(one, rows=None, line=None) for one in wrong]
             sound = not wrong
         if self.friction_law == "auto":
             say("comparing laws of friction")
             identifier.friction_law = chosen_laws(identifier, given.train, slow)
         with blaming(given.findings):
             identifier, learned_from, findings = _fit(identifier, given, slow, say)
-        if sound:
+        if sound and given.archive is None:
             say("contacts")
             given.findings += contacts_beside(identifier, given.train, given.test)
         bodies = _physical(identifier, say) if self.physical else None
