@@ -20,6 +20,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from dynid_rs import DataError, LinkDynamicsIdentifier, RobotModel, ThreeLoopIdentifier, _core
 from dynid_rs.archive import Archive, RunFile
 from dynid_rs.archive.fingerprint import fingerprint
+from dynid_rs.archive.overlaps import marks_of, suspects
 from dynid_rs.archive.sample import Piece, choose_pieces, cut_out, pieces_of, work_space
 from dynid_rs.archive.survey import Survey, gathered_findings, survey_run
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, wide_factor
@@ -336,6 +337,28 @@ def test_a_torque_of_the_other_sign_is_named_by_the_sample(tmp_path):
     (flipped,) = [f for f in found if f["code"] == "torque_flipped"]
     assert "tau = [1, -1, 1]" in flipped["message"]
     assert flipped.get("rows") is None
+
+
+def test_samples_that_are_there_twice_are_refused_as_in_memory(tmp_path):
+    robot, paths = write_robot(tmp_path), write_runs(tmp_path, n_runs=3)
+    piece = write(tmp_path / "piece.parquet", {name: x[300:1300] for name, x in run(1).items()})
+    copy = write(tmp_path / "copy.parquet", run(2))
+    for twice in (["--test", piece], ["--test", paths[2], "--test", copy], [piece, "--test", paths[2]]):
+        arguments = ("identify", robot, paths[0], paths[1], *twice, "-o", tmp_path / "out")
+        in_memory, streamed = (refusal(dynid(*arguments, "--memory", memory)) for memory in ("4GB", "10MB"))
+        assert streamed == in_memory
+        assert "given twice" in streamed or "both learned from and tested on" in streamed
+        assert not (tmp_path / "out").exists()
+
+
+def test_runs_that_share_a_few_rows_are_suspects_and_no_others():
+    one, two, three = (held.recording for held in held_runs())
+    assert suspects([marks_of(each) for each in (one, two, three)]) == []
+    piece = one.slice(200, 1200)
+    assert suspects([marks_of(each) for each in (two, piece, three, one)]) == [(1, 3)]
+    still = replace(one, q=np.zeros_like(one.q))
+    assert len(marks_of(still)) == 0
+    assert suspects([marks_of(still), marks_of(still)]) == []
 
 
 def with_a_part_at_rest(columns):

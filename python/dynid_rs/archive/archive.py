@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.archive.overlaps import marks_of, suspects
 from dynid_rs.archive.reduction import LEFT_OUT, Reduced, Reduction, Totals, reduce_run
 from dynid_rs.archive.runs import RunSource, signals_of
 from dynid_rs.archive.sample import choose_pieces, cut_out, recording_bytes, work_space
@@ -22,6 +23,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import LEAST_ROWS, part_left_out, prepare_training_run
 from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
 from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.splitting import refuse_repeats
 
 FloatArray = NDArray[np.float64]
 
@@ -107,6 +109,20 @@ class Archive:
             As `check_training_runs`; a run that is there twice.
         """
         check_surveys(self.robot, self.surveys, tested or {})
+
+    def refuse_overlaps(self, test: Sequence[Recording]) -> None:
+        """Refuse samples that are there twice, in these runs and the test runs; two runs that seem to are read again.
+
+        Raises
+        ------
+        DataError
+            As `refuse_repeats`.
+        """
+        refuse_repeats([], test)
+        n = len(self.surveys)
+        for pair in suspects([*(survey.marks for survey in self.surveys), *map(marks_of, test)]):
+            runs = [signals_of(self.sources[k]) for k in pair if k < n]
+            refuse_repeats(runs, [test[k - n] for k in pair if k >= n])
 
     @property
     def names(self) -> list[str]:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.archive.overlaps import marks_of
 from dynid_rs.archive.runs import RunSource
 from dynid_rs.archive.sample import Piece, pieces_of, recording_bytes, run_key, work_space
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.clocks import Clock
+from dynid_rs.runs.checks.repeats import Keys
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.splitting import repeated
 
@@ -28,7 +30,7 @@ class Survey:
     """A run that was read and dropped again.
 
     `key`: hash of its samples; `n_bytes`, `work_space`: memory of its signals, and that learning from it would take;
-    `pieces`: what a sample may take.
+    `pieces`: what a sample may take; `marks`: a few rows, by which runs with samples in common are found.
     """
 
     facts: RunFacts
@@ -38,6 +40,7 @@ class Survey:
     work_space: int
     findings: tuple[Finding, ...]
     pieces: tuple[Piece, ...]
+    marks: Keys
 
     def to_entry(self) -> Entry:
         """Plain data and arrays."""
@@ -54,7 +57,7 @@ class Survey:
             "pieces": [(piece.start, piece.stop, piece.key, piece.n_bytes, len(piece.cells)) for piece in self.pieces],
         }
         arrays = {name: getattr(self.facts, name) for name in ("moves", "lowest", "highest")}
-        return plain, arrays | {"cells": np.concatenate(cells)}
+        return plain, arrays | {"cells": np.concatenate(cells), "marks": self.marks}
 
     @staticmethod
     def from_entry(entry: Entry) -> Survey:
@@ -72,7 +75,8 @@ class Survey:
             for (start, stop, key, n_bytes, _), own in zip(plain["pieces"], cells, strict=True)
         ]
         numbers = {name: plain[name] for name in ("key", "n_samples", "n_bytes", "work_space")}
-        return Survey(RunFacts(**facts), findings=tuple(findings), pieces=tuple(pieces), **numbers)
+        more: dict[str, Any] = {"pieces": tuple(pieces), "marks": arrays["marks"]}
+        return Survey(RunFacts(**facts), findings=tuple(findings), **more, **numbers)
 
 
 def _with_rows(finding: Finding) -> Finding:
@@ -100,6 +104,7 @@ def survey_run(source: RunSource) -> Entry:
         work_space(recording),
         tuple(findings),
         tuple(pieces),
+        marks_of(recording),
     ).to_entry()
 
 

@@ -144,6 +144,7 @@ def _survey(
     check_cutoff(cutoff, test)
     archive = Archive(train[0].robot, train, memory=memory, work=work, on_progress=say)
     archive.check({content_key(recording): recording.name for recording in test})
+    archive.refuse_overlaps(test)
     check_clocks([*(survey.facts.clock for survey in archive.surveys), *map(Clock.of, test)])
     for recording in test:
         refuse_another_kind(archive.surveys[0].facts, recording)
