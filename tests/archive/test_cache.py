@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -45,6 +47,36 @@ def test_what_is_put_comes_back(tmp_path):
     for name, values in ENTRY[1].items():
         assert_array_equal(arrays[name], values)
         assert arrays[name].dtype == values.dtype
+
+
+def test_entries_may_be_removed_and_written_by_others_meanwhile(tmp_path):
+    """Two threads stand for two processes: one keeps writing, one keeps clearing, and here one looks."""
+    cache, failed, ended = Cache(tmp_path / "cache"), [], threading.Event()
+    keys = [f"{k:02x}" * 32 for k in range(256)]
+
+    def until_the_end(work):
+        try:
+            for key in itertools.cycle(keys):
+                if ended.is_set():
+                    return
+                work(key)
+        except OSError as error:
+            failed.append(error)
+
+    others = [lambda key: cache.put(key, ENTRY), lambda key: cache.keep(0)]
+    threads = [threading.Thread(target=until_the_end, args=(work,)) for work in others]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + 2.0
+    while time.monotonic() < end:
+        try:
+            cache.entries()
+        except OSError as error:
+            failed.append(error)
+    ended.set()
+    for thread in threads:
+        thread.join()
+    assert failed == []
 
 
 def test_every_damage_is_seen():

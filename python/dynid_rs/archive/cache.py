@@ -78,32 +78,39 @@ class Cache:
 
     def entries(self) -> list[Path]:
         """All entries, the oldest first."""
-        found = [path for path in self._files() if _NAME.fullmatch(path.name)]
-        return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+        return list(self._sizes())
 
     def n_bytes(self) -> int:
         """Size of all entries."""
-        return sum(path.stat().st_size for path in self.entries())
+        return sum(self._sizes().values())
 
     def keep(self, n_bytes: int) -> int:
         """Remove the oldest entries until the others take at most `n_bytes`; and how many were removed."""
-        entries = self.entries()
-        left, removed = sum(path.stat().st_size for path in entries), 0
-        for path in entries:
+        sizes = self._sizes()
+        left, removed = sum(sizes.values()), 0
+        for path, size in sizes.items():
             if left <= n_bytes:
                 break
-            left -= path.stat().st_size
+            left -= size
             path.unlink(missing_ok=True)
             removed += 1
         self.sweep()
         return removed
 
     def sweep(self) -> None:
-        """Remove what killed writers left behind, and folders that hold nothing."""
+        """Remove what killed writers left behind; an empty folder stays, others may be about to write there."""
         for folder in self._folders():
             clear_leftovers(folder)
-            with suppress(OSError):
-                folder.rmdir()  # refused unless it is empty
+
+    def _sizes(self) -> dict[Path, int]:
+        """Bytes of all entries, the oldest first; another process may remove them meanwhile."""
+        found = []
+        for path in self._files():
+            if _NAME.fullmatch(path.name):
+                with suppress(FileNotFoundError):
+                    info = path.stat()
+                    found.append((info.st_mtime_ns, path.name, path, info.st_size))
+        return {path: size for _, _, path, size in sorted(found)}
 
     def _folders(self) -> list[Path]:
         if not self.folder.is_dir():
@@ -112,7 +119,7 @@ class Cache:
 
     def _files(self) -> Iterator[Path]:
         for folder in self._folders():
-            if folder.is_dir():
+            with suppress(FileNotFoundError, NotADirectoryError):
                 yield from sorted(folder.iterdir())
 
 
