@@ -14,6 +14,7 @@ import sys
 import tracemalloc
 import zipfile
 import zlib
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from helpers.log_files import (
     joint_states,
     write_mcap,
 )
-from helpers.run_files import csv_text, valid_columns
+from helpers.run_files import N_SAMPLES, csv_text, valid_columns
 from helpers.small_arm import JOINTS
 
 from dynid_rs.base.errors import DataError, MissingLibraryError
@@ -181,6 +182,31 @@ def test_workbook_that_unpacks_to_more_than_a_run_may_take(tmp_path, monkeypatch
         member.write(b" " * (2 << 20))
     monkeypatch.setattr(table, "MAX_BYTES", 8 << 20)
     refused(path, "declares .* GiB of data, more than")
+
+
+def workbook_of(path, times):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    columns = valid_columns()
+    book.active.append(list(columns))
+    for time, row in zip(times, zip(*(values.tolist() for values in columns.values()), strict=True), strict=True):
+        book.active.append([time, *row[1:]])
+    book.save(path)
+    return path
+
+
+@pytest.mark.parametrize("start", [datetime(2024, 5, 1, 23, 59, 58), datetime(2024, 5, 1), timedelta(), timedelta(1.5)])
+def test_times_of_a_workbook_pass_midnight_and_may_be_durations(tmp_path, start):
+    """The library gives a moment at midnight as its day, and a cell of hours as a duration."""
+    times = [start + timedelta(milliseconds=10 * k) for k in range(N_SAMPLES)]
+    run = read_recording(workbook_of(tmp_path / "run.xlsx", times))
+    np.testing.assert_allclose(run.t, valid_columns()["t"], atol=1e-12)
+
+
+def test_a_moment_of_a_workbook_beyond_all_clocks_is_refused(tmp_path):
+    times = [datetime(9999, 1, 1, 12) + timedelta(milliseconds=10 * k) for k in range(N_SAMPLES)]
+    refused(workbook_of(tmp_path / "run.xlsx", times), r"row 1 \(line 2 of the sheet\), column t: 9999.* before 2262")
 
 
 def test_pickled_arrays_in_a_matlab_7_3_file_are_no_numbers(tmp_path):

@@ -6,7 +6,7 @@ import io
 import math
 import zipfile
 from collections.abc import Sequence
-from datetime import UTC, datetime, time
+from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +105,7 @@ def _has_units(rows: Sequence[Sequence[Any]], top: int) -> bool:
 
 
 def _is_value(cell: Any) -> bool:
-    return isinstance(cell, int | float | datetime | time) or (isinstance(cell, str) and is_stamp(cell))
+    return isinstance(cell, int | float | date | time | timedelta) or (isinstance(cell, str) and is_stamp(cell))
 
 
 def _table(file: str, sheet: str, rows: Sequence[Sequence[Any]], top: int, n_sheets: int) -> Table:
@@ -145,18 +145,30 @@ class _Shift:
         return row + self.by
 
 
+def _since(cell: date | time | timedelta) -> timedelta:
+    """Time since 1970, or since midnight; at midnight the library gives a moment as its day alone."""
+    if isinstance(cell, timedelta):
+        return cell
+    if isinstance(cell, time):
+        return datetime.combine(date.min, cell) - datetime.min
+    moment = cell if isinstance(cell, datetime) else datetime.combine(cell, time.min)
+    return moment.replace(tzinfo=None) - datetime(1970, 1, 1)
+
+
 def _number(cell: Any, name: str, row: int, line: int, file: str) -> float | int:
     if isinstance(cell, bool):
         pass
     elif isinstance(cell, int | float) and math.isfinite(cell):
         return float(cell)
-    elif isinstance(cell, datetime):
-        return round((cell.replace(tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds() * 1e6) * 1000
-    elif isinstance(cell, time):
-        return ((cell.hour * 60 + cell.minute) * 60 + cell.second) * 10**9 + cell.microsecond * 1000
+    elif isinstance(cell, date | time | timedelta):
+        ticks_there = 1000 * (_since(cell) // timedelta(microseconds=1))
+        if abs(ticks_there) < 2**63:
+            return ticks_there
     elif isinstance(cell, str) and is_stamp(cell):
         return int(ticks([cell])[0])
     what = "the cell is empty, expected a number" if cell == "" else f"{shown(repr(cell))} is not a number"
+    if isinstance(cell, date | timedelta):
+        what = f"{shown(str(cell))} is no time before 2262"
     raise DataError(
         f"{file}, row {row + 1} (line {line} of the sheet), column {shown(name)}: {what}; correct the cell, or cut the "
         "row out",
