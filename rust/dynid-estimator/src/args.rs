@@ -62,6 +62,9 @@ pub struct Run {
     pub watch: bool,
 }
 
+/// What goes with `--info`.
+const OF_INFO: [&str; 4] = ["info", "json", "step", "window"];
+
 const HELP: &str = include_str!("help.txt");
 
 /// Reads the command line.
@@ -92,9 +95,13 @@ fn read(mut parser: Parser, option: &mut String) -> Result<Command, lexopt::Erro
     let (mut changes, mut remember) = (None, None);
     let (mut contacts, mut per_hour_given) = (None, None);
     let (mut adapt, mut limits) = (None, AdaptSettings::default());
+    let mut of_running = None;
     while let Some(arg) = parser.next()? {
         if let Arg::Long(name) = arg {
             *option = format!("--{name}");
+            if !OF_INFO.contains(&name) {
+                of_running = Some(option.clone());
+            }
         }
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -156,6 +163,11 @@ fn read(mut parser: Parser, option: &mut String) -> Result<Command, lexopt::Erro
     }
     let model = model.ok_or("no model given, expected dynid-estimator MODEL.json")?;
     if info {
+        if let Some(option) = of_running {
+            return Err(
+                format!("--info reads nothing and says nothing of {option}; leave it out").into(),
+            );
+        }
         return Ok(Command::Info {
             model,
             json,

@@ -178,6 +178,10 @@ fn wrong_use() {
         ),
         (&["--format"], &["--format"]),
         (&["--json", path], &["--info"]),
+        (
+            &["--info", "--observe", "--contacts", "none.json", path],
+            &["--info reads nothing", "--contacts; leave it out"],
+        ),
         (&["--step", "0", path], &["positive number of seconds"]),
         (&["--step", "4ms", path], &["positive number of seconds"]),
         (&["--step", "1e-300", path], &["0.00001 to 100"]),
