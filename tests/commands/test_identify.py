@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,7 +17,7 @@ from helpers.small_arm import JOINTS, as_current, dynid, refusal, run, snapshot,
 from helpers.tolerances import ALGEBRAIC
 
 import dynid_rs
-from dynid_rs import TorqueModel
+from dynid_rs import ThreeLoopIdentifier, TorqueModel
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.wording import _prior, _relative_errors, is_better, verdict
 from dynid_rs.commands._identify_view import _milliseconds
@@ -453,3 +454,21 @@ def test_of_one_joint_one_error_is_said():
     assert _relative_errors(two, np.ones(2)).startswith("10.0 to 20.0 % of")
     prior = {"relative_uncertainty": {"links": 0.15, "rotors": None}, "n_directions": 1, "n_determined": 0.2}
     assert "Of 1 combination of them the runs determine 0." in _prior({"prior": prior})
+
+
+def test_what_another_command_has_finished_meanwhile_stays(tmp_path, monkeypatch):
+    """It was not there when this one began, and hours may lie between."""
+    done, out = study(1), tmp_path / "out"
+    fit = ThreeLoopIdentifier.fit
+
+    def meanwhile(self, *args, **kwargs):
+        shutil.copytree(done.output, out, dirs_exist_ok=True)
+        return fit(self, *args, **kwargs)
+
+    monkeypatch.setattr(ThreeLoopIdentifier, "fit", meanwhile)
+    arguments = ("identify", done.robot, *done.runs, "-o", out, "--prior", "none")
+    sentence = refusal(dynid(*arguments))
+    assert "another command has finished its result here meanwhile (result.json), which stays" in sentence
+    assert snapshot(out) == snapshot(done.output)
+    assert dynid(*arguments, "--force").exit_code in (0, 1)
+    assert snapshot(out) != snapshot(done.output)

@@ -163,8 +163,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def filled_together(folder: Path) -> Iterator[Path]:
+def filled_together(folder: Path, new: str | None = None) -> Iterator[Path]:
     """Temporary folder whose files move to `folder` when the body has succeeded, all of them or none.
+
+    Where the file `new` is there by then, none of them: another process has finished meanwhile.
 
     When the body raises, older results stay as they were, and a folder that was not there is not there again.
     What a killed process left in `folder` is removed; where it was killed between the first file that it moved and the
@@ -183,6 +185,13 @@ def filled_together(folder: Path) -> Iterator[Path]:
         with held_folder(folder) as stage:
             yield stage
             with alone_in(folder):
+                if new is not None and (folder / new).exists():
+                    raise _sentence(
+                        FileExistsError(
+                            f"{folder}: another command has finished its result here meanwhile ({new}), which stays; "
+                            "run again with another folder"
+                        )
+                    )
                 for file in sorted(stage.iterdir()):  # all of them before the first one moves
                     check_replaceable(folder / file.name)
                 with uninterrupted():

@@ -126,14 +126,23 @@ def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
 
 
 def write_results(
-    output: Path, model: Any, result: dict[str, Any], table: dict[str, Any], more: Mapping[str, Any] | None = None
+    output: Path,
+    model: Any,
+    result: dict[str, Any],
+    table: dict[str, Any],
+    more: Mapping[str, Any] | None = None,
+    *,
+    force: bool,
 ) -> None:
-    """Fill the folder: model, residuals, result and report, and JSON files `more` by name; all of them or none."""
+    """Fill the folder: model, residuals, result and report, and JSON files `more` by name; all of them or none.
+
+    What another command has finished there since `check_places` is replaced with `force` only.
+    """
     from dynid_rs.base.files import filled_together, write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
 
-    with filled_together(output) as folder:
+    with filled_together(output, None if force else RESULT_FILE) as folder:
         model.save(folder / MODEL_FILE)
         write_table(folder / RESIDUALS_FILE, table)
         write_json(folder / RESULT_FILE, result)

@@ -130,7 +130,7 @@ class Job:
         bodies = _physical(identifier, say) if self.physical else None
         say("testing")
         said = [*inertial_findings(model, self.robot.name), *given.findings, *findings]
-        return identifier, _write(identifier, given, said, self.output, bodies, learned_from)
+        return identifier, _write(identifier, given, said, self.output, bodies, learned_from, force=self.force)
 
 
 def _identifier(
@@ -187,6 +187,8 @@ def _write(
     output: Path,
     physical: Any = None,
     learned_from: LearnedFrom | None = None,
+    *,
+    force: bool,
 ) -> dict[str, Any]:
     from dynid_rs.commands._identifier import scored_states, write_results
     from dynid_rs.identification.results import evaluate_runs, residual_table, summarise
@@ -200,7 +202,7 @@ def _write(
     if physical is not None:
         model = model.with_physical(physical.physical_set(model))
     table = residual_table(model, trained, tested)
-    write_results(output, model, result, table)
+    write_results(output, model, result, table, force=force)
     return result
 
 

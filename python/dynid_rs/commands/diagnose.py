@@ -119,7 +119,7 @@ def diagnose(
         with convergence_findings() as unsettled:
             outcome = find_effects(setup, split.train, split.test, on_progress=say, **more)
         say("testing")
-        result = _write(outcome, split, [*findings, *unknown, *unsettled()], output)
+        result = _write(outcome, split, [*findings, *unknown, *unsettled()], output, force=force)
     if json_output:
         print_json(result)
     else:
@@ -175,7 +175,7 @@ def _moves_otherwise(trusted: Any, robot: Any) -> bool:
     return bool(np.linalg.norm(ours - theirs) > OTHER_ROBOT * np.linalg.norm(ours))
 
 
-def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
+def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path, *, force: bool) -> dict[str, Any]:
     from dynid_rs.commands._identifier import OPEN_FILE, write_results
     from dynid_rs.diagnosis.open_file import to_json
     from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
@@ -186,7 +186,7 @@ def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path
     result = summarise_diagnosis(outcome, runs, findings)
     table = residual_table(outcome, runs)
     left_open = {} if outcome.asked is None else {OPEN_FILE: to_json(outcome.asked)}
-    write_results(output, outcome.after.model_, result, table, left_open)
+    write_results(output, outcome.after.model_, result, table, left_open, force=force)
     return result
 
 
