@@ -104,6 +104,21 @@ def test_a_frozen_channel_is_named_and_not_refused(arm):
     assert "frozen.parquet: tau_1 stays at" in refusal(dynid("watch", arm / "model.json", arm / "frozen.parquet"))
 
 
+def test_an_encoder_that_slipped_is_named_and_not_refused(arm):
+    run = recorded(60.0, 3)
+    q = run.q.copy()
+    q[run.t >= 20.0, 1] += 0.3
+    write_runs(arm, {"slipped": replace(run, q=q)})
+    assert "q_1 jumps by" in dynid("inspect", arm / "slipped.parquet").output
+    printed = watched(arm, "slipped", options=["--json"])
+    assert printed.exit_code == 1, printed.output
+    answer = json.loads(printed.stdout)
+    named = answer["runs"][0]["changes"][0]
+    assert (named["kind"], named["joint"], named["said"]) == ("slip", answer["joints"][1], "named")
+    assert 0.2 < named["size"] < 0.45
+    assert not [one for one in answer["findings"] if one["code"] == "position_jump"]
+
+
 def test_what_is_tolerated_is_not_said(arm):
     assert watched(arm, "harder", options=["--tolerate", "friction=0.3", "--tolerate", "gain=.3"]).exit_code == 0
 

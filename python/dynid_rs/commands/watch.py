@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from dynid_rs.runs.recording import Recording
 
 USUAL = "1/day"
+_NAMED = {("stuck", "tau"): FROZEN, ("position_jump", "q"): "slip", ("position_jump", "q_motor"): "slip"}
+"""Damage by its code and signal, which a watch may have a name for: a run with it is refused only where it has none."""
 
 
 @run_command
@@ -141,7 +143,7 @@ def watch(
         errors: list[ValueError | OSError] = []
         for source in run_sources(runs, reference.robot, rules) if runs else ():
             try:
-                recording, found = read_undamaged(source, but=_is_of_a_torque_channel)
+                recording, found = read_undamaged(source, but=lambda finding: _kind_of(finding) is not None)
                 told = _watched(watching, recording, known, remember)
                 found = _unsaid(found, told, recording.joints)
                 refuse_damage(found)
@@ -180,15 +182,15 @@ def _watched(watching: Watch, recording: Recording, known: str | None, remember:
         raise FormatError(f"{remember}: {words}; {ANEW}") from None
 
 
-def _is_of_a_torque_channel(finding: Finding) -> bool:
-    """Whether it says that a torque channel shows one value, which a watch may have a name for."""
-    return finding.code == "stuck" and (finding.column or "").startswith("tau_")
+def _kind_of(finding: Finding) -> str | None:
+    """Kind that a watch may call the damage by."""
+    return _NAMED.get((finding.code, (finding.column or "").rpartition("_")[0]))
 
 
 def _unsaid(findings: list[Finding], told: Watched, joints: Sequence[str]) -> list[Finding]:
-    """Findings less those of channels that the watch calls frozen."""
-    frozen = {f"tau_{joints.index(one.joint)}" for one in (*told.before, *told.changes) if one.kind == FROZEN}
-    return [one for one in findings if not (_is_of_a_torque_channel(one) and one.column in frozen)]
+    """Findings less those that the watch has named."""
+    named = {(one.kind, str(joints.index(one.joint))) for one in (*told.before, *told.changes)}
+    return [one for one in findings if (_kind_of(one), (one.column or "").rpartition("_")[2]) not in named]
 
 
 def _tolerated(said: Sequence[str]) -> Tolerated:
