@@ -141,6 +141,7 @@ def test_too_few_arms_are_said():
     assert both.shrunken("other_1")[0].shape == arms[0].x.shape
     one = Fleet().fit(arms[:1])
     np.testing.assert_allclose(one.shrunken("arm_0000")[0], arms[0].x)
+    np.testing.assert_allclose(one.shrunken("arm_0000")[1], arms[0].covariance)
 
 
 def test_robots_of_one_name_that_are_not_alike_are_two_types():

@@ -29,6 +29,17 @@ def test_without_standard_errors_it_is_the_sample_s_mean_and_variance():
     np.testing.assert_allclose(found.mean_std_error, found.deviation / np.sqrt(200), rtol=1e-9)
 
 
+def test_arms_that_do_not_differ_are_no_surer_than_their_estimates():
+    """A lone arm, and three of one recording; what no arm has is zero for sure."""
+    for n in (1, 3):
+        found = share(np.full(n, MEAN), np.full(n, 0.5))
+        np.testing.assert_allclose([found.mean, found.mean_std_error], [MEAN, 0.5 / np.sqrt(n)])
+        best, error = shrunken(np.full(n, MEAN), np.full(n, 0.5), found)
+        np.testing.assert_allclose(best, MEAN)
+        np.testing.assert_allclose(error, 0.5 / np.sqrt(n))
+    assert share(np.zeros(4), np.zeros(4)).mean_std_error == 0
+
+
 @pytest.mark.parametrize("n", [8, 30])
 @pytest.mark.parametrize("s", [0.0, 0.5, 2.0])
 def test_mean_and_variance_are_unbiased(n, s):

@@ -75,8 +75,9 @@ def share(y: FloatArray, s: FloatArray) -> Shared:
 
     y, square = np.asarray(y, dtype=float), np.asarray(s, dtype=float) ** 2
     n = len(y)
-    if n == 0 or np.all(y == y[0]):  # nothing to share, or nothing that differs: zeros of what no arm has
-        return Shared(float(y[0]) if n else 0.0, 0.0, 0.0, np.ones(n, dtype=bool))
+    if n == 0 or np.all(y == y[0]):  # a lone arm, or nothing that differs, such as zeros of what no arm has
+        error = float(1 / np.sqrt(np.sum(1 / square))) if n and square.all() else 0.0
+        return Shared(float(y[0]) if n else 0.0, 0.0, error, np.ones(n, dtype=bool))
     mean, power, usual = _mixture(y, square)
     inside = usual > 0.5
     if inside.sum() < 2:

@@ -78,8 +78,11 @@ class TypePool:
         ``mu + D (S_i + D)^-1 (x_i - mu)`` with D the variances of the arm's deviations (`prior_power`): the mean of the
         normal distribution that the prior ``N(mu, D)`` and the estimate ``N(theta, S_i)`` leave. What one coefficient
         says of another, through S_i, is used. Its covariance is ``D - D (S_i + D)^-1 D``, and the mean's own error.
+        A lone arm keeps its own.
         """
         arm = self.arms[i]
+        if self.n_arms == 1:
+            return arm.x, arm.covariance
         std = np.sqrt(np.maximum(np.diag(arm.covariance), 0.0))
         usual = np.array([shared.usual[i] for shared in self.unknowns])
         power = prior_power(std, self._likely_power, usual)
