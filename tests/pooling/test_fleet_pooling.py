@@ -139,6 +139,17 @@ def test_too_few_arms_are_said():
     assert both.n_tests_ == identified().fleet.n_tests_
     assert both.verdicts_["other_1"].odd is None
     assert both.shrunken("other_1")[0].shape == arms[0].x.shape
+    # Nor is one judged that would only be large enough if it took none.
+    alone = identified().fleet
+    border = [replace(arm, name=f"border_{k}", type="border") for k, arm in enumerate(arms[: alone.least_arms_])]
+    whole = Fleet().fit([*arms, *border])
+    judged = {one.name: one.n_arms >= whole.least_arms_ for one in whole.types_}
+    assert judged == {arms[0].type: True, "border": False}
+    assert whole.n_tests_ == alone.n_tests_
+    # Many that are not judged do not keep others from it.
+    lone = [replace(arms[0], name=f"lone_{k}", type=f"lone_{k}") for k in range(100)]
+    many = Fleet().fit([*arms[: alone.least_arms_], *lone])
+    assert many.verdicts_["arm_0000"].odd is not None
     one = Fleet().fit(arms[:1])
     np.testing.assert_allclose(one.shrunken("arm_0000")[0], arms[0].x)
     np.testing.assert_allclose(one.shrunken("arm_0000")[1], arms[0].covariance)

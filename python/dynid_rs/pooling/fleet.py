@@ -98,16 +98,14 @@ class Fleet(Estimator):
             raise ValueError(f"the arm {twice!r} is there twice; every arm has its own name")
         groups, alone = _grouped(given)
         self.types_ = [pool(name, group) for name, group in groups.items()]
-        # Types that are too small are not tested, and take no part of the rate.
-        tested = list(self.types_)
-        while True:
-            self.n_tests_ = sum(one.n_arms * len(one.quantities) for one in tested)
+        # Types that are too small are not tested, and take no part of the rate: the smallest size that the rate allows.
+        sizes = sorted({one.n_arms for one in self.types_})
+        for smaller, size in zip((0, *sizes), sizes, strict=False):
+            self.n_tests_ = sum(one.n_arms * len(one.quantities) for one in self.types_ if one.n_arms >= size)
             self.limit_ = self.false_alarms / max(self.n_tests_, 1)
-            self.least_arms_ = max(FEWEST, least_arms(self.limit_))
-            large = [one for one in tested if one.n_arms >= self.least_arms_]
-            if len(large) == len(tested) or not large:
+            self.least_arms_ = max(FEWEST, least_arms(self.limit_), smaller + 1)
+            if self.least_arms_ <= size:
                 break
-            tested = large
         found = {arm.name: self._alone(arm, reason) for arm, reason in alone}
         for one in self.types_:
             for i, arm in enumerate(one.arms):
