@@ -65,7 +65,55 @@ def design(tmp_path_factory):
     return folder, printed
 
 
+TABLE = """
+angle = "rad"
+gravity = [9.81, 0.0, 0.0]
+[[joint]]
+alpha = 0.0
+a = 0.0
+d = 0.2
+theta = 0.0
+lower = -1.0
+upper = 1.0
+velocity = 2.0
+acceleration = 1.0
+mass = 3.0
+com = [0.1, 0.0, 0.0]
+inertia_com = { xx = 0.01, yy = 0.02, zz = 0.02 }
+"""
+
+
 # The answer
+
+
+def test_a_table_s_own_gravity_and_acceleration_are_kept(tmp_path):
+    """On its side the only joint carries its link; upright it would not."""
+    (tmp_path / "arm.toml").write_text(TABLE)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    options = (tmp_path / "arm.toml", "-o", folder / "plan.csv", *QUICK, "--force")
+    result = json.loads(dynid("excite", *options, "--json").stdout)
+    assert result["block_ranks"]["gravity"] == 2
+    assert max(result["motion"]["acceleration"]["upper_limit"]) == 1.0
+    assert max(result["motion"]["acceleration"]["highest"]) <= 1.0
+    assert (
+        json.loads(dynid("excite", *options, "--json", "--gravity", "0,0,-9.81").stdout)["block_ranks"]["gravity"] == 0
+    )
+    # A limits file need not repeat it, and may not go beyond.
+    file = tmp_path / "limits.toml"
+    file.write_text("[velocity]\nlimit = 1\n")
+    assert read_limits(file, RobotModel.from_file(tmp_path / "arm.toml")).limits.acceleration.tolist() == [[-1], [1]]
+    file.write_text("[acceleration]\nlimit = 3\n")
+    assert "from -1 to 1 in the robot file" in refusal(dynid("excite", *options, "--limits", file))
+
+
+def test_a_xacro_source_is_expanded_on_request(tmp_path):
+    pytest.importorskip("xacro")
+    source = tmp_path / "arm.xacro"
+    source.write_text(URDF)
+    options = (source, "-o", tmp_path / "plan.csv", *QUICK)
+    assert "--xacro" in refusal(dynid("excite", *options))
+    assert dynid("excite", *options, "--xacro").exit_code == 0
 
 
 def test_a_controller_can_play_the_file(design):

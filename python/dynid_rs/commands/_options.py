@@ -1,4 +1,4 @@
-"""Arguments and options that `dynid identify` and `dynid diagnose` share: one meaning, one wording."""
+"""Arguments and options that commands share: one meaning, one wording."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynid_rs.commands import _options
 from dynid_rs.commands._run import goes_on, print_json, run_command
 from dynid_rs.commands._steps import Step
 
@@ -75,7 +76,7 @@ class Outputs:
 
 @run_command
 def excite(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")],
+    robot: _options.Robot,
     output: Annotated[
         Path,
         typer.Option(
@@ -142,9 +143,10 @@ def excite(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where a killed design of the same problem stopped")
     ] = False,
-    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
-    base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
-    tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
+    gravity: _options.Gravity = None,
+    base: _options.Base = None,
+    tip: _options.Tip = None,
+    xacro: _options.Xacro = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a finished design of these names")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
@@ -170,7 +172,7 @@ def excite(
         n_steps_of(budget or duration, rate)  # refused before the search, not after it
     with options_named(), goes_on(files.after_interrupt()), progress(*_plan(separate, after)) as say:
         say("reading")
-        model = read_robot(robot, base, tip, gravity)
+        model = read_robot(robot, base, tip, gravity, xacro=xacro)
         settings = _settings(model, robot, limits, start, noise, self_collision)
         plan = None if friction is None else _friction_plan(model, settings, rate)
         effects = None if separate is None else _effects(separate, model, duration)

@@ -11,7 +11,7 @@ upper = 120                         # ... one number for all joints, ...
 [velocity]                          # left out: the robot's own limits
 limit = {shoulder = 100, elbow = 60} # ... or by joint name; joints not named keep the robot's own
 
-[acceleration]                      # no URDF says it, so this one must be there for every joint
+[acceleration]                      # no URDF says it (a robot.toml may), so this one must be there for every joint
 limit = 120                         # limit: the same in both directions; or lower and upper
 
 [torque]                            # left out: the robot's effort limits, where they hold the arm
@@ -153,24 +153,22 @@ class _Parser:
 
     def motion(self, name: str) -> FloatArray:
         """Limits (2, n) of one quantity; the robot's own where the file says nothing."""
-        robot = self.robot
-        unknown = np.full(self.n, np.nan)
-        own = {
-            "position": np.stack([np.asarray(robot.lower), np.asarray(robot.upper)]),
-            "velocity": np.stack([-np.asarray(robot.velocity_limits), np.asarray(robot.velocity_limits)]),
-            "acceleration": np.stack([unknown, unknown]),
-        }[name]
+        if name == "position":
+            own = np.stack([np.asarray(self.robot.lower), np.asarray(self.robot.upper)])
+        else:
+            size = np.asarray(getattr(self.robot, f"{name}_limits"))
+            size = np.where(size > 0, size, np.nan)  # else a placeholder
+            own = np.stack([-size, size])
         own = np.where(np.isfinite(own), own, np.nan)
-        if name == "velocity":
-            own[:, own[1] <= 0] = np.nan  # a placeholder
         found = self.sides(name, own)
         limits = own if found is None else found
         self.within_robot(name, limits, own)
         missing = np.flatnonzero(np.isnan(limits).any(axis=0))
         if missing.size:
+            joint = shown(self.robot.joint_names[missing[0]])
             raise self.fault(
                 f"[{name}]",
-                f"no limit for joint {shown(robot.joint_names[missing[0]])}, and the robot file gives none either; "
+                f"no limit for joint {joint}, and the robot file gives none either; "
                 f"add limit, or lower and upper, to [{name}]",
             )
         self.check(name, limits)

@@ -47,7 +47,7 @@ def motion_limits(robot: RobotModel) -> MotionLimits:
     """Return the declared limits, with plausible ones where a robot declares none.
 
     A turning joint uses at most one turn, a sliding one without limits 1 m. URDF has no limit of
-    acceleration: 2.5 times the speed per second, at most 10 rad/s^2.
+    acceleration (a robot.toml may have one): 2.5 times the speed per second, at most 10 rad/s^2.
     """
     half = np.array([_HALF_RANGE[kind] for kind in robot.joint_kinds])
     turning = np.array([kind == "revolute" for kind in robot.joint_kinds])
@@ -63,11 +63,12 @@ def motion_limits(robot: RobotModel) -> MotionLimits:
     fallback = np.array([_VELOCITY[kind] for kind in robot.joint_kinds])
     declared = np.asarray(robot.velocity_limits)
     velocity = np.where(np.isfinite(declared) & (declared > 0), declared, fallback)
+    plausible, declared = np.minimum(_SPEED_UP * velocity, _MAX_ACCELERATION), np.asarray(robot.acceleration_limits)
     return MotionLimits(
         lower=middle - span / 2,
         upper=middle + span / 2,
         velocity=velocity,
-        acceleration=np.minimum(_SPEED_UP * velocity, _MAX_ACCELERATION),
+        acceleration=np.where(np.isfinite(declared) & (declared > 0), declared, plausible),
     )
 
 
