@@ -503,6 +503,14 @@ def test_from_the_command_line(runs, tmp_path):
     assert "two aims" in refused
     for option in ("--load", "--budget"):
         assert "--after" in refusal(dynid("excite", urdf, "-o", tmp_path / "x.csv", option, 1))
+    # What is refused is refused before anything is searched.
+    asks = ("excite", urdf, "-o", tmp_path / "x.csv", "--after", result)
+    for option in ("--duration", "--budget"):
+        assert f"{option} must be at least" in refusal(dynid(*asks, option, 1.5, "--restarts", 1000))
+    assert "leave one out" in refusal(dynid(*asks, "--budget", 10, "--duration", 10))
+    # Another length of the budget is another problem, whose searches are kept beside.
+    assert dynid(*asks, "--budget", 8, "--restarts", 1, "--iterations", 2, "--resume").exit_code == 0
+    assert not list(tmp_path.glob("x.restarts*"))
     again = tmp_path / "again"
     dynid("diagnose", urdf, *files[:2], "--test", files[2], "-o", again, "--after", result)
     assert json.loads((again / "open.json").read_text())["format"] == "dynid-open"
@@ -516,3 +524,12 @@ def test_a_budget_takes_the_shortest_motion_that_is_enough(found):
     assert short.design.duration in (10.0, 20.0, 40.0)
     enough = all(chance.right >= 0.95 for chance in short.expected.chances)
     assert enough or short.design.duration == 40.0
+
+
+def test_searches_of_every_length_of_a_budget_are_kept(found, tmp_path):
+    kept = {"state_file": tmp_path / "kept.json", "max_iter": 1, "n_restarts": 1, "random_state": 0}
+    first, again = (dyn.next_experiment(found, budget=8.0, **kept) for _ in range(2))
+    assert {path.name for path in tmp_path.iterdir()} == {"kept_4s.json", "kept_8s.json"}
+    assert again.design.history_ == first.design.history_
+    with pytest.raises(ValueError, match=r"^budget must be at least"):
+        dyn.next_experiment(found, budget=1.0, **kept)

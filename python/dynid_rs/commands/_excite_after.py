@@ -20,7 +20,9 @@ LONGEST = 1e4
 """No motion is longer [s]."""
 
 
-def check_aims(separates: bool, goes_on: bool, load: float | None, budget: float | None) -> None:
+def check_aims(
+    separates: bool, goes_on: bool, load: float | None, budget: float | None, duration: float | None
+) -> None:
     """Refuse two aims for one motion, and a load without the aim that it belongs to.
 
     Raises
@@ -34,6 +36,8 @@ def check_aims(separates: bool, goes_on: bool, load: float | None, budget: float
         raise ValueError("--load belongs to --after: what a known mass would decide; leave it out")
     if budget is not None and not goes_on:
         raise ValueError("--budget belongs to --after: how long its motion may be; give --duration")
+    if budget is not None and duration is not None:
+        raise ValueError("--budget and --duration both say how long the motion is; leave one out")
     if budget is not None and not 0 < budget < LONGEST:
         raise ValueError(f"--budget must be a time in s, above 0 and below {LONGEST:g}, got {budget:g}")
     if load is not None and not 0 < load < HEAVIEST:
@@ -58,8 +62,10 @@ def decide(
     say: Callable[[str], None],
 ) -> NextExperiment:
     """Design the motion beside the exciting one that is `made` of a length: the shortest that is enough, if asked."""
-    from dynid_rs.experiment.designing import design_next, least_duration
+    from dynid_rs.experiment.designing import check_length, design_next, least_duration
     from dynid_rs.experiment.next import shortest
+
+    check_length(asked, budget or duration, "duration" if budget is None else "--budget")
 
     def designed(seconds: float) -> NextExperiment:
         return design_next(

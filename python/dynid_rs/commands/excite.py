@@ -21,12 +21,17 @@ if TYPE_CHECKING:
     from dynid_rs.excitation.separating import Separated
 
 
+LENGTH = 20.0
+"""Of a motion [s]."""
+
+
 @dataclass(frozen=True)
 class Outputs:
     """Files of one design, side by side."""
 
     csv: Path
     friction: Path | None = None
+    budget: float | None = None
 
     @property
     def json(self) -> Path:
@@ -39,9 +44,19 @@ class Outputs:
         return self.csv.with_suffix(".html")
 
     @property
-    def state(self) -> Path:
-        """Finished searches, while the command runs."""
-        return self.csv.with_suffix(".restarts.json")
+    def states(self) -> list[Path]:
+        """Finished searches, while the command runs: of the one length, or of all that a budget may take."""
+        from dynid_rs.experiment.next import SHARES
+
+        lengths = (None,) if self.budget is None else (share * self.budget for share in SHARES)
+        return [self.state(length) for length in lengths]
+
+    def state(self, seconds: float | None) -> Path:
+        """Of a length [s] of the budget."""
+        from dynid_rs.experiment.next import state_of
+
+        whole = self.csv.with_suffix(".restarts.json")
+        return whole if self.budget is None or seconds is None else state_of(whole, seconds)
 
     @property
     def friction_json(self) -> Path | None:
@@ -55,7 +70,7 @@ class Outputs:
         for path in (self.csv, self.friction):
             if path is not None:
                 check_suffix(path, ".csv", "CSV")
-        places = [self.csv, self.json, self.page, self.state, self.friction, self.friction_json]
+        places = [self.csv, self.json, self.page, *self.states, self.friction, self.friction_json]
         outputs = [path for path in places if path is not None]
         if len({path.absolute() for path in outputs}) < len(outputs):
             raise ValueError(f"{self.friction}: is written for the exciting trajectory too; choose another name")
@@ -63,15 +78,20 @@ class Outputs:
             check_file(path)
         check_not_read(outputs, inputs)
         if not force:
-            check_absent(path for path in outputs if path != self.state)
+            check_absent(path for path in outputs if path not in self.states)
 
     def after_interrupt(self) -> Callable[[], str]:
         """What is left of a search, and how to go on."""
         from dynid_rs.commands._output import after_interrupt
 
         said = after_interrupt(self.json)
-        again = f"the same command with --resume goes on from the finished searches that {self.state} keeps"
-        return lambda: f"no trajectory was written; {again}" if self.state.exists() else said()
+
+        def after() -> str:
+            kept = next((path for path in self.states if path.exists()), None)
+            again = f"the same command with --resume goes on from the finished searches that {kept} keeps"
+            return said() if kept is None else f"no trajectory was written; {again}"
+
+        return after
 
 
 @run_command
@@ -87,7 +107,7 @@ def excite(
         Path | None,
         typer.Option(metavar="L.toml", help="Limits of the motion; the robot's own and plausible ones if left out"),
     ] = None,
-    duration: Annotated[float, typer.Option(help="Length in s, one period")] = 20.0,
+    duration: Annotated[float | None, typer.Option(help=f"Length in s, one period; {LENGTH:g} if left out")] = None,
     harmonics: Annotated[int, typer.Option(help="Terms of the Fourier series per joint")] = 5,
     criterion: Annotated[str, typer.Option(help="block (Eq. 14), condition, D or A")] = "block",
     samples_rate: Annotated[
@@ -132,7 +152,12 @@ def excite(
     ] = False,
     restarts: Annotated[int, typer.Option(help="Searches, each from a random motion")] = 12,
     iterations: Annotated[int, typer.Option(help="Most steps of one search")] = 100,
-    time_limit: Annotated[float | None, typer.Option(help="Stop searching after this many seconds")] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            help="Stop a search after this many seconds; --separate, --after and each length of --budget are one more"
+        ),
+    ] = None,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -165,9 +190,10 @@ def excite(
     from dynid_rs.excitation.output import n_steps_of
     from dynid_rs.experiment.answer import to_json
 
-    files = Outputs(output, friction)
+    files = Outputs(output, friction, budget)
     files.check([robot, *(path for path in (limits, after) if path)], force=force)
-    check_aims(separate is not None, after is not None, load, budget)
+    check_aims(separate is not None, after is not None, load, budget, duration)
+    duration = LENGTH if duration is None else duration
     with options_named():
         n_steps_of(budget or duration, rate)  # refused before the search, not after it
     with options_named(), goes_on(files.after_interrupt()), progress(*_plan(separate, after)) as say:
@@ -190,7 +216,7 @@ def excite(
                 max_iter=iterations,
                 time_limit=time_limit,
                 n_jobs=jobs,
-                state_file=files.state,
+                state_file=files.state(seconds),
                 resume=resume,
                 random_state=seed,
             ).fit(model, settings["limits"])
@@ -317,5 +343,6 @@ def _write(
         result["files"] = {"trajectory": str(files.csv), "figures": str(files.json), "plots": str(files.page)}
         write_json(stage / files.json.name, result)
         write_text(stage / files.page.name, page(result, design.trajectory_, decided))
-    files.state.unlink(missing_ok=True)
+    for state in files.states:
+        state.unlink(missing_ok=True)
     return result

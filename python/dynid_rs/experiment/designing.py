@@ -315,9 +315,20 @@ def check_fits(asked: OpenQuestions, design: FourierExcitation) -> None:
             f"the diagnosis is of a robot with the joints {', '.join(theirs)}, and {design.robot_.name} has "
             f"{', '.join(ours)}; give the robot file that was diagnosed"
         )
+    check_length(asked, design.duration)
+
+
+def check_length(asked: OpenQuestions, seconds: float, name: str = "duration") -> None:
+    """Refuse a motion that is too short for the band, best before it is searched for.
+
+    Raises
+    ------
+    ValueError
+        One sentence with the mend.
+    """
     least = least_duration(asked)
-    if design.duration < least:
-        raise ValueError(f"duration must be at least {least:.3g} s for the band of the runs, got {design.duration:g}")
+    if seconds < least:
+        raise ValueError(f"{name} must be at least {least:.3g} s for the band of the runs, got {seconds:g}")
 
 
 def least_duration(asked: OpenQuestions) -> float:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.excitation.fourier import FourierExcitation
 from dynid_rs.excitation.limits import ExcitationLimits
-from dynid_rs.experiment.designing import NextExperiment, design_next, least_duration, led_by
+from dynid_rs.experiment.designing import NextExperiment, check_length, design_next, least_duration, led_by
 
 SHARES = (0.25, 0.5, 1.0)
 """Of a budget that are tried."""
@@ -70,11 +71,20 @@ def next_experiment(
     asked, robot = found.asked, found.asked.setup.declared
 
     def designed(seconds: float | None) -> NextExperiment:
-        length = {} if seconds is None else {"duration": seconds}
-        design = FourierExcitation(**{**options, **length}).fit(robot, limits)
+        length: dict[str, Any] = {} if seconds is None else {"duration": seconds}
+        if seconds is not None and options.get("state_file") is not None:
+            length["state_file"] = state_of(Path(options["state_file"]), seconds)
+        design = FourierExcitation(**{**options, **length})
+        check_length(asked, design.duration, "duration" if budget is None else "budget")
+        design.fit(robot, limits)
         return design_next(asked, design, load=load, max_iter=max_iter, time_limit=time_limit, on_progress=on_progress)
 
     return designed(None) if budget is None else shortest(designed, budget, least_duration(asked))
+
+
+def state_of(state_file: Path, seconds: float) -> Path:
+    """Where the finished searches of one length of a budget are kept: another length is another problem."""
+    return state_file.with_name(f"{state_file.stem}_{seconds:g}s{state_file.suffix}")
 
 
 def shortest(designed: Callable[[float], NextExperiment], budget: float, least: float) -> NextExperiment:
