@@ -304,6 +304,19 @@ def test_the_friction_experiment_keeps_the_same_limits(design, tmp_path):
         assert (signal >= lower - 1e-9).all()
         assert (signal <= upper + 1e-9).all()
     assert (np.abs(robot().inverse_dynamics(*motion)) <= [30, 40, 20]).all()
+    # A middle that the arm cannot hold, or that is outside the box: no other start would help.
+    for more, said in (
+        ("[torque]\nlimit = [30, 10, 20]", "holding the start pose takes"),
+        ("[torque]\nlimit = 99\n[workspace]\nlower = [-1, -1, 0.2]\nupper = [1, 1, 0.45]", "link hand is at"),
+    ):
+        text = LIMITS.replace("[torque]\nlimit = [30, 40, 20]", more).replace("[10, -20, 0]", "[0, -5, 0]")
+        text = text.replace("[-90, -60, -100]", "[-90, -10, -100]").replace("elbow = 50", "elbow = 110")
+        (tmp_path / "middle.toml").write_text(text)
+        asked = (folder / "robot.urdf", "--limits", tmp_path / "middle.toml", "-o", tmp_path / "m.csv", *QUICK)
+        refused = refusal(dynid("excite", *asked, "--friction", tmp_path / "mf.csv"))
+        assert "starts in the middle of the position limits" in refused
+        assert said in refused
+        assert "--start" not in refused
     # A box that the legs leave, and names that collide.
     text = LIMITS + "[workspace]\nlower = [-1, -1, 0.2]\nupper = [1, 1, 0.45]\n"
     other = limits_file(tmp_path, text)

@@ -42,9 +42,11 @@ def in_options(text: str) -> str:
 @contextmanager
 def options_named() -> Iterator[None]:
     """Refusals of the body name what was typed; those of files are what they are."""
+    from dynid_rs.excitation.constraints import StartError
+
     try:
         yield
     except ValueError as error:
-        if type(error) is not ValueError:
+        if type(error) not in (ValueError, StartError):
             raise
         raise ValueError(in_options(str(error))) from None

@@ -16,7 +16,7 @@ from scipy.special import logsumexp, softmax
 from dynid_rs.base.errors import DataError, MissingLibraryError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown_value
-from dynid_rs.excitation.constraints import Motion
+from dynid_rs.excitation.constraints import Motion, StartError
 from dynid_rs.excitation.workspace import SHARPNESS
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class BoundCollision:
         nearest = int(distances.argmin())
         if distances[nearest] <= wanted.margin:
             one, other = self._labels[nearest]
-            raise ValueError(
+            raise StartError(
                 f"at the start, links {one} and {other} are {distances[nearest]:.3g} m apart, and the margin is "
                 f"{wanted.margin:g} m; choose another start, or list the pair as ignored if it touches by design"
             )

@@ -20,6 +20,10 @@ FloatArray = NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 
 
+class StartError(ValueError):
+    """The start violates a constraint already."""
+
+
 class Constraint(Protocol):
     """Something that can be kept or violated by a motion: room is left (positive) or missing (negative)."""
 
@@ -70,7 +74,7 @@ class TorqueBound:
     Raises
     ------
     ValueError
-        The robot declares no inertials, or a limit does not hold the arm at its start.
+        The robot declares no inertials, or a limit does not hold the arm at its start (`StartError`).
     """
 
     name = "torque"
@@ -90,7 +94,7 @@ class TorqueBound:
             joint = int(shares.argmax())
             holding = self._torque((start[None], 0 * start[None], 0 * start[None]))[0, joint]
             unit = torque_of("N*m", robot.joint_kinds[joint])
-            raise ValueError(
+            raise StartError(
                 f"holding the start pose takes {holding:.4g} {unit} at joint {robot.joint_names[joint]}, beyond its "
                 f"torque limits {self.limits[0, joint]:g} and {self.limits[1, joint]:g}; choose another start or wider "
                 "limits"

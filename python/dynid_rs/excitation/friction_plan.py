@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid_rs.excitation.constraints import PhysicalLimits, torque_bound
+from dynid_rs.excitation.constraints import Constraint, PhysicalLimits, StartError, torque_bound
 from dynid_rs.excitation.friction_experiment import plan_friction_experiment
 from dynid_rs.excitation.friction_segments import FrictionExperiment
 from dynid_rs.excitation.limits import ExcitationLimits
@@ -39,9 +39,17 @@ def friction_plan(
         ),
         pose=pose,
     )
-    torque = torque_bound(robot, limits, pose)
-    bound = [] if isinstance(torque, str) else [torque]
-    for constraint in (*bound, *(constraint.bind(robot, pose) for constraint in constraints)):
+    torque: Constraint | str
+    try:
+        torque = torque_bound(robot, limits, pose)
+        bound = [constraint.bind(robot, pose) for constraint in constraints]
+    except StartError as error:
+        why = str(error).rpartition("; ")[0]
+        raise ValueError(
+            f"the friction experiment starts in the middle of the position limits, and there, {why}; move the position "
+            "limits, or leave --friction out"
+        ) from None
+    for constraint in bound if isinstance(torque, str) else [torque, *bound]:
         step = max(constraint.fine_step, 2e-3)
         motion = plan.evaluate(np.arange(0.0, plan.duration + step, step))
         if constraint.exact_room(motion) < 0:

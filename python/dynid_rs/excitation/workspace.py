@@ -11,7 +11,7 @@ from scipy.special import logsumexp, softmax
 
 from dynid_rs import _core
 from dynid_rs.base.quoting import shown_value
-from dynid_rs.excitation.constraints import Motion
+from dynid_rs.excitation.constraints import Motion, StartError
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -92,7 +92,7 @@ class BoundBox:
         worst = int(rooms.argmin())
         if rooms[worst] <= 0:
             place = ", ".join(f"{value:.3g}" for value in self._points(start[None])[0, worst])
-            raise ValueError(
+            raise StartError(
                 f"at the start, {labels[worst]} is at {place} m, outside the workspace box; "
                 "choose another start or widen the box"
             )
