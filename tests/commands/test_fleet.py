@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from helpers.run_files import write
-from helpers.small_arm import dynid, refusal, run, snapshot, write_robot, write_runs
+from helpers.small_arm import URDF, dynid, refusal, run, snapshot, write_robot, write_runs
 
 from dynid_rs.archive.work import Work
 from dynid_rs.commands._fleet_file import FleetRobot, read_fleet
@@ -238,6 +238,7 @@ def test_archives_of_a_fleet_are_streamed(tmp_path):
         ('[[robot]]\nurdf = "x"', "'urdf' is not known; did you mean 'robot'?"),
         ('[[robot]]\nname = "a"\ndrive_gian = 3', "did you mean 'drive_gain'?"),
         ('[[robot]]\nname = "a"\noutput = 3', "output must be a path"),
+        ('[[robot]]\nname = "a"\nforce = true', "'force' is not known"),
         ('[[robot]]\nname = "a"\n[[robot]]\nname = "a"', "the name 'a' is there twice"),
         ('[[robot]]\nname = "a"\noutput = "x"\n[[robot]]\nname = "b"\noutput = "x"', "is there twice"),
         ('[[robot]]\nname = "a"\noutput = "x"\n[[robot]]\nname = "b"\noutput = "y/../x"', "is there twice"),
@@ -295,6 +296,38 @@ def test_an_error_of_the_program_is_a_row(tmp_path, monkeypatch):
     printed, answer = fleet(tmp_path)
     assert printed.exit_code == 1
     assert {row["message"] for row in answer["robots"]} == {"an error of the program: KeyError: 'a bug'"}
+
+
+def test_what_a_xacro_source_reads_is_part_of_it(tmp_path):
+    pytest.importorskip("xacro")
+    arm = tmp_path / "arm"
+    arm.mkdir()
+    write_runs(arm)
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    part = '<robot {}><xacro:property name="m" value="{}"/></robot>'
+    head = f'<robot name="small_arm" {space}><xacro:include filename="part.xacro"/>'
+    source = URDF.replace('<robot name="small_arm">', head).replace('mass value="8"', 'mass value="${m}"')
+    (arm / "robot.xacro").write_text(source)
+    text = FLEET.split('[[robot]]\nname = "second')[0].replace("robot.urdf", "robot.xacro")
+    keys = []
+    for mass in (8, 8, 9):
+        (arm / "part.xacro").write_text(part.format(space, mass))
+        printed, _ = fleet(tmp_path, text + "xacro = true\n")
+        assert printed.exit_code == 0, printed.output
+        keys.append(json.loads((tmp_path / "out" / ".rows" / "first.json").read_text())["key"])
+    assert keys[0] == keys[1] != keys[2]
+    # In CSV the switch is a word.
+    table = "name,robot,runs,xacro\nplain,arm/robot.urdf,arm/run_0.parquet,no\n"
+    (tmp_path / "words.csv").write_text(table)
+    assert read_fleet(tmp_path / "words.csv", tmp_path / "out")[0].job().xacro is False
+
+
+def test_a_file_whose_name_looks_like_a_pattern(tmp_path):
+    (tmp_path / "cell[1]").mkdir()
+    (tmp_path / "cell[1]" / "a.csv").write_text("x")
+    path = tmp_path / "fleet.toml"
+    path.write_text('[[robot]]\nname = "a"\nrobot = "r.urdf"\nruns = ["cell[1]/a.csv"]\n')
+    assert read_fleet(path, tmp_path / "out")[0].job().runs == (tmp_path / "cell[1]" / "a.csv",)
 
 
 def test_patterns_are_relative_to_the_file(tmp_path):

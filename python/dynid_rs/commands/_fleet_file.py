@@ -36,9 +36,10 @@ MOST_BYTES = 16 << 20
 LISTS = ("runs", "test", "friction")
 PATHS = ("robot", "output", "config", "known")
 NUMBERS = ("test_from", "cutoff")
+SWITCHES = ("xacro", "physical")
 OWN = ("name", "output", "type")
 """Keys that are no options of an identification."""
-KEYS = ("name", "type", *(field.name for field in fields(Job)))
+KEYS = ("name", "type", *(field.name for field in fields(Job) if field.name != "force"))
 OTHER_NAMES = {"n": "name", "id": "name", "urdf": "robot", "run": "runs"}
 
 
@@ -68,7 +69,7 @@ class FleetRobot:
                 given[key] = self.folder / self._text(key, value)
             elif key in NUMBERS:
                 given[key] = self._number(key, value)
-            elif key == "physical":
+            elif key in SWITCHES:
                 given[key] = self._switch(key, value)
             else:
                 given[key] = self._text(key, value)
@@ -86,7 +87,7 @@ class FleetRobot:
         return value
 
     def _found(self, key: str, pattern: str) -> list[Path]:
-        if not any(letter in pattern for letter in "*?["):
+        if not any(letter in pattern for letter in "*?[") or (self.folder / pattern).exists():
             return [self.folder / pattern]
         place = Path(pattern)
         root = Path(place.anchor) if place.is_absolute() else self.folder

@@ -102,11 +102,15 @@ def identify_one(place: Place) -> Entry:
     from dynid_rs.base.files import write_json
     from dynid_rs.commands._identifier import MODEL_FILE, RESULT_FILE
     from dynid_rs.commands._output import check_unfinished
+    from dynid_rs.model.robot_file import made_urdf
 
     robot = place.robot
     try:
         job = robot.job(place.home)
-        key = fingerprint(place.shared, robot.options, str(robot.output), [_content(path) for path in job.inputs])
+        # A xacro source or a MuJoCo model may be made of more files than the one that is named.
+        made = made_urdf(job.robot, xacro=job.xacro)
+        read = [_content(path) for path in job.inputs]
+        key = fingerprint(place.shared, robot.options, str(robot.output), read, made)
         kept = _kept(place.row, key)
         if kept is not None and all((place.output / name).is_file() for name in (MODEL_FILE, RESULT_FILE)):
             return kept, {}

@@ -58,15 +58,29 @@ def read_robot(
     """
     place = check_readable(path)
     options: dict[str, Any] = {"base": base, "tip": tip, "rotor_inertia": rotor_inertia}
+    if made := made_urdf(place, xacro=xacro):
+        text, declared = made
+        return _from_text(text, place, declared if gravity is None else gravity, options)
+    return _core.RobotModel.from_file(place, gravity=gravity, **options)
+
+
+def made_urdf(path: Path, *, xacro: Mapping[str, str] | bool = False) -> tuple[str, list[float] | None] | None:
+    """URDF text that is made of a xacro source or a MuJoCo model, and the gravity it declares; None of other files.
+
+    Raises
+    ------
+    MissingLibraryError, ValueError, OSError
+        As `read_robot`.
+    """
+    place = check_readable(path)
     if place.suffix.lower() == XACRO or xacro:
-        text = expanded(place, {} if isinstance(xacro, bool) else xacro, asked=bool(xacro))
-        return _from_text(text, place, gravity, options)
+        return expanded(place, {} if isinstance(xacro, bool) else xacro, asked=bool(xacro)), None
     if place.suffix.lower() in MJCF and is_mjcf(place):
         from dynid_rs.model.mjcf import urdf_of
 
         text, declared = urdf_of(place)
-        return _from_text(text, place, declared.tolist() if gravity is None else gravity, options)
-    return _core.RobotModel.from_file(place, gravity=gravity, **options)
+        return text, declared.tolist()
+    return None
 
 
 def expanded(path: Path, arguments: Mapping[str, str], *, asked: bool) -> str:
