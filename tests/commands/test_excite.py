@@ -99,6 +99,7 @@ def test_a_table_s_own_gravity_and_acceleration_are_kept(tmp_path):
     assert (
         json.loads(dynid("excite", *options, "--json", "--gravity", "0,0,-9.81").stdout)["block_ranks"]["gravity"] == 0
     )
+    assert "needs the collision shapes of a URDF" in refusal(dynid("excite", *options, "--self-collision"))
     # A limits file need not repeat it, and may not go beyond.
     file = tmp_path / "limits.toml"
     file.write_text("[velocity]\nlimit = 1\n")
@@ -438,6 +439,7 @@ def test_workspace_and_collision(tmp_path):
         ),
         ('[acceleration]\nlimit = 2\n[collision]\nmargin = "2 cm"', "collision.margin: expected a distance"),
         ('[acceleration]\nlimit = 2\n[collision]\nignored = [["a"]]', "collision.ignored: expected pairs"),
+        ("[acceleration]\nlimit = 2\n[collision]\nignored = 5", "collision.ignored: expected a list of names, got 5"),
         ("[acceleration]\nlimit = 2\n[start]\nposition = [1, 2]", "start.position: holds 2 numbers"),
         ("[acceleration\nlimit = 2", "is not valid TOML"),
     ],

@@ -302,6 +302,11 @@ def test_speeds_that_are_never_constant_nor_played_backwards_are_refused(small, 
         odd_friction(recording)
 
 
+def test_friction_without_a_run_is_refused():
+    with pytest.raises(ValueError, match="no run to read friction from"):
+        odd_friction([])
+
+
 def test_identification_refuses_such_a_friction_run(small, small_truth):
     runs = simulate(small_truth, n_runs=2, duration=10.0, rate=250.0, seed=4).recordings
     with pytest.raises(DataError, match=r"friction needs the same positions passed in both directions"):

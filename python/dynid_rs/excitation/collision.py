@@ -18,6 +18,7 @@ from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown_value
 from dynid_rs.excitation.constraints import Motion, StartError
 from dynid_rs.excitation.workspace import SHARPNESS
+from dynid_rs.model.robot_file import XACRO, is_mjcf
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -68,6 +69,13 @@ class SelfCollision:
         except ImportError:
             raise MissingLibraryError("pinocchio", "collision", "checks for self-collision") from None
         path = check_readable(self.urdf)
+        if path.suffix.lower() in (".toml", XACRO) or is_mjcf(path):
+            raise DataError(
+                f"{path}: self-collision needs the collision shapes of a URDF, and this is none; leave the check for "
+                "self-collision out, or give the arm as a URDF",
+                code="collision_shapes",
+                file=str(path),
+            )
         if not (np.isfinite(self.margin) and self.margin >= 0):
             raise ValueError(f"the margin of self-collision must be a distance in m of at least 0, got {self.margin}")
         try:

@@ -281,8 +281,8 @@ class _Parser:
             if not _is_number(margin):
                 raise self.fault("collision.margin", f"expected a distance, got {_kind(margin)}")
             length = UNITS["length"].get(self.content.get("units", {}).get("length", ""), 1.0)
-            ignored = []
-            for pair in shapes.get("ignored", []):
+            ignored, pairs = [], shapes.get("ignored", [])
+            for pair in pairs if isinstance(pairs, list) else [pairs]:
                 one_other = self.texts("collision.ignored", pair)
                 if len(one_other) != 2:
                     raise self.fault("collision.ignored", 'expected pairs of links, [["link_a", "link_b"]]')

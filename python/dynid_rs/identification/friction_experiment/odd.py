@@ -83,10 +83,14 @@ def odd_friction(
 
     Raises
     ------
+    ValueError
+        There is no run.
     DataError
         A joint moves but is never moved back over the same positions at the same speed; names joint and file.
     """
     given = [runs] if isinstance(runs, Recording | States) else list(runs)
+    if not given:
+        raise ValueError("there is no run to read friction from; give one of the friction experiment at least")
     recordings = [run for run in given if isinstance(run, Recording)]
     rate = common_rate(recordings) if recordings else 0.0
     states = [prepare(run, Band(CUTOFF), rate) if isinstance(run, Recording) else run for run in given]
