@@ -14,6 +14,7 @@ from scipy.stats import binom
 import dynid_rs as dyn
 from dynid_rs import Fleet
 from dynid_rs.pooling.causes import Cause
+from dynid_rs.pooling.quantities import quantities
 from dynid_rs.pooling.words import sentence_of
 
 UNSEEN = f"run_{N_TRAIN + N_TEST}.parquet"
@@ -200,11 +201,11 @@ def test_what_is_refused(given, said):
     ("cause", "said"),
     [
         (
-            Cause("friction", "elbow", "friction", 0.34, 4.1, 1.2, "N*m", 9.4, 12.1, 1.1, 0.8),
+            Cause("friction", "elbow", "friction", 0.34, 4.1, 1.2, "N*m", 9.4, 12.1, 1.1, 0.8, "rad/s"),
             "elbow: friction +34 % (type 12.1 +- 1.1 N*m at 0.80 rad/s, 9.4 deviations)",
         ),
         (
-            Cause("friction", "lift", "friction", -0.2, -40.0, 3.0, "N", -8.0, 200.0, 4.0, 0.1),
+            Cause("friction", "lift", "friction", -0.2, -40.0, 3.0, "N", -8.0, 200.0, 4.0, 0.1, "m/s"),
             "lift: friction -20 % (type 200 +- 4.0 N at 0.10 m/s, 8.0 deviations)",
         ),
         (
@@ -239,6 +240,16 @@ def test_what_is_refused(given, said):
 )
 def test_causes_in_words(cause, said):
     assert sentence_of(cause) == said
+
+
+def test_speeds_of_a_sliding_joint_are_in_metres_in_amperes_too():
+    arms = [
+        replace(arm, torque_unit="A", kinds=("revolute", "prismatic", "revolute")) for arm in identified().estimates
+    ]
+    friction = {one.place: one for one in quantities(arms) if one.kind == "friction"}
+    assert [(one.unit, one.at_unit) for one in friction.values()] == [("A", "rad/s"), ("A", "m/s"), ("A", "rad/s")]
+    verdict = Fleet().fit(arms).verdicts_["arm_0003"]
+    assert "m/s" in verdict.why[0].replace("rad/s", "")
 
 
 def test_what_is_planted_is_what_is_drawn():

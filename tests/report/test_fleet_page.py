@@ -71,6 +71,7 @@ def made(n: int, odd: int, name: str = "arm", failed: int = 0) -> tuple[dict[str
                     "place": place,
                     "unit": unit,
                     "at": at,
+                    "at_unit": "rad/s" if at else None,
                     "mean": mean,
                     "deviation": deviation,
                 }

@@ -76,6 +76,7 @@ def _shared(fleet: Fleet) -> dict[str, Any]:
                 "place": quantity.place,
                 "unit": quantity.unit,
                 "at": quantity.at,
+                "at_unit": quantity.at_unit,
                 "mean": judged.shared.mean,
                 "mean_std_error": judged.shared.mean_std_error,
                 "deviation": judged.shared.deviation,

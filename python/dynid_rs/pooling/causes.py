@@ -61,7 +61,7 @@ class Cause:
         How far the arm is from its type in this quantity, in deviations.
     mean, spread : float or None
         Of the type: mean and deviation.
-    at : float or None
+    at, at_unit : float or None, str or None
         Speed at which friction is meant.
     """
 
@@ -76,6 +76,7 @@ class Cause:
     mean: float | None = None
     spread: float | None = None
     at: float | None = None
+    at_unit: str | None = None
 
 
 def causes(pool: TypePool, i: int, limit: float) -> list[Cause]:
@@ -264,4 +265,5 @@ def _of_quantity(pool: TypePool, i: int, q: int) -> Cause:
         shared.mean,
         shared.deviation,
         quantity.at,
+        quantity.at_unit,
     )

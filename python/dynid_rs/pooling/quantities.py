@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.units import torque_of
+from dynid_rs.base.units import angle_units, torque_of
 from dynid_rs.model.units import own_unit
 from dynid_rs.pooling.arm import ArmEstimate
 
@@ -35,6 +35,8 @@ class Quantity:
         Estimates and standard errors.
     at : float, optional
         Speed at which friction is meant.
+    at_unit : str, optional
+        Of that speed, which an ampere does not tell.
     """
 
     kind: str
@@ -44,6 +46,7 @@ class Quantity:
     y: FloatArray
     s: FloatArray
     at: float | None = None
+    at_unit: str | None = None
 
 
 def quantities(arms: Sequence[ArmEstimate]) -> list[Quantity]:
@@ -53,12 +56,14 @@ def quantities(arms: Sequence[ArmEstimate]) -> list[Quantity]:
     std = np.sqrt(np.maximum(np.stack([np.diag(arm.covariance) for arm in arms]), 0.0))
     found = []
     speed = np.median([arm.speed for arm in arms], axis=0)
+    at: tuple[float, str] | tuple[None, None]
     for j, joint in enumerate(first.joints):
         rows = [arm.friction_at(j, float(speed[j])) for arm in arms]
         for kind, k in (("friction", 0), ("offset", 1)):
             y, s = _linear(arms, [pair[k] for pair in rows])
             unit = torque_of(first.torque_unit, first.kinds[j])
-            found.append(Quantity(kind, kind, joint, unit, y, s, float(speed[j]) if k == 0 else None))
+            at = (float(speed[j]), f"{angle_units(first.kinds)[j]}/s") if kind == "friction" else (None, None)
+            found.append(Quantity(kind, kind, joint, unit, y, s, *at))
         for name in first.own_names:
             place = first.own(j, name)
             if place is not None and name not in (*first.friction_names, "torque_offset"):

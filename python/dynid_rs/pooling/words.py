@@ -36,13 +36,9 @@ def known(cause: Cause) -> str:
         return far
     if cause.kind == "gain":
         return f"type +- {percent(cause.spread)}, {far}"
-    at = "" if cause.at is None else f" at {significant(cause.at, 2)} {_speed(cause.unit)}"
+    at = "" if cause.at is None else f" at {significant(cause.at, 2)} {cause.at_unit}"
     unit = plain_unit(cause.unit)
     return f"type {significant(cause.mean)} +- {significant(cause.spread, 2)} {unit}{at}, {far}"
-
-
-def _speed(torque_unit: str) -> str:
-    return "m/s" if torque_unit == "N" else "rad/s"
 
 
 def _signed(value: float) -> str:

@@ -76,8 +76,7 @@ def _name(quantity: Mapping[str, Any]) -> str:
         short = first if kind == "base" else name.replace("_", " ")
         return f'<abbr title="{esc(name)}">{esc(short)} \u2026</abbr>' if rest else esc(short)
     if kind == "friction":
-        speed = "m/s" if quantity["unit"] == "N" else "rad/s"
-        return f"friction <small>at {significant(quantity['at'], 2)}\u00a0{speed}</small>"
+        return f"friction <small>at {significant(quantity['at'], 2)}\u00a0{quantity['at_unit']}</small>"
     return "error on test runs" if kind == "error" else esc(kind_words(kind))
 
 
