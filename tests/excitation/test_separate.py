@@ -1,6 +1,7 @@
 """`dynid excite --separate`: what nothing imitates, against least squares; and motions that have more of it."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -250,3 +251,10 @@ def test_the_command_that_a_tie_names_is_read_back(robot):
     a = parse_effect("stribeck:1:stribeck_velocity=0.1", robot)
     command = separate_command(a, parse_effect(TILT, robot), robot.joint_names)
     assert command.endswith("--separate stribeck:elbow:stribeck_velocity=0.1 gravity_tilt")
+    # As a shell takes it, whatever joints are called.
+    for name in ("elbow joint", "l'épaule;", "ns:elbow", "a,b"):
+        odd = RobotModel.from_urdf_string(URDF.replace('"elbow"', f'"{name}"'))
+        one, other = (parse_effect(f"{kind}:1", odd) for kind in ("stribeck", "friction_hysteresis"))
+        *_, first, second = shlex.split(separate_command(one, other, odd.joint_names))
+        assert parse_effect(first, odd) == one
+        assert parse_effect(second, odd) == other

@@ -99,3 +99,5 @@ def test_arms_of_other_lengths_have_another_mark():
     other = RobotModel.from_urdf_string(URDF.replace('xyz="0.4 0 0"', 'xyz="0.45 0 0"'))
     assert _mark(ROBOT, names, "N*m") != _mark(other, tuple(other.base_parameters().names), "N*m")
     assert _mark(ROBOT, names, "N*m") != _mark(ROBOT, names, "A")
+    level, tilted = (ROBOT.with_gravity((x, 0.0, -9.81)) for x in (1e-5, -1e-5))
+    assert _mark(level, names, "N*m") == _mark(tilted, names, "N*m") == _mark(ROBOT, names, "N*m")

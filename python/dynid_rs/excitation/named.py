@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -68,10 +69,14 @@ def is_separable(kind: str) -> bool:
 
 
 def separate_command(a: NamedEffect, b: NamedEffect, joint_names: Sequence[str]) -> str:
-    """Command that designs a trajectory to tell two effects apart; empty where there is none for them."""
+    """Command that designs a trajectory to tell two effects apart; empty where there is none for them.
+
+    It can be typed as it is: joints whose names `parse_effect` would cut are there by index.
+    """
     if not (is_separable(a.kind) and is_separable(b.kind)):
         return ""
-    return f"dynid excite ROBOT -o separate.csv --separate {a.text(joint_names)} {b.text(joint_names)}"
+    named = [name if not {",", ":"} & set(name) else str(j) for j, name in enumerate(joint_names)]
+    return f"dynid excite ROBOT -o separate.csv --separate {shlex.join([a.text(named), b.text(named)])}"
 
 
 def parse_effect(text: str, robot: RobotModel) -> NamedEffect:

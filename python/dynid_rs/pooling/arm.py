@@ -285,7 +285,8 @@ def _regrouping(plan: Plan) -> FloatArray:
 
 def _mark(robot: _core.RobotModel, names: tuple[str, ...], unit: str) -> str:
     """Mark of a robot's kinematics: names of base parameters hold every length that matters."""
-    told = repr((robot.joint_names, robot.joint_kinds, np.round(robot.gravity, 3).tolist(), names, unit))
+    gravity = (np.round(robot.gravity, 3) + 0.0).tolist()  # minus zero is zero
+    told = repr((robot.joint_names, robot.joint_kinds, gravity, names, unit))
     return hashlib.sha256(told.encode()).hexdigest()[:6]
 
 
