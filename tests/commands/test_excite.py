@@ -108,6 +108,17 @@ def test_a_table_s_own_gravity_and_acceleration_are_kept(tmp_path):
     assert "from -1 to 1 in the robot file" in refusal(dynid("excite", *options, "--limits", file))
 
 
+def test_the_robot_s_own_effort_holds_where_nothing_else_is_said(tmp_path):
+    own = read(tmp_path, "[acceleration]\nlimit = 5\n[torque]\nlimit = {wrist = 20}\n").limits.torque
+    assert own[1].tolist() == [80, 60, 20]  # of the URDF where the table names no other
+    # A declared effort that does not hold the arm limits nothing, and that is said.
+    (tmp_path / "weak.urdf").write_text(URDF.replace('effort="60"', 'effort="15"'))
+    options = (tmp_path / "weak.urdf", "-o", tmp_path / "plan.csv", *QUICK)
+    printed = " ".join(dynid("excite", *options).output.split())
+    assert "note: torque is not limited at elbow (15 N*m): the declared effort does not hold the arm" in printed
+    assert json.loads((tmp_path / "plan.json").read_text())["constraints"]["torque"]["upper"] == [80, None, 25]
+
+
 def test_a_xacro_source_is_expanded_on_request(tmp_path):
     pytest.importorskip("xacro")
     source = tmp_path / "arm.xacro"
@@ -351,7 +362,7 @@ def test_units_and_sliding_joints(tmp_path):
     assert_allclose(limits.position[1], [np.pi / 2, 0.09, np.pi / 2])
     assert_allclose(limits.velocity[1], [np.radians(50), 0.05, np.radians(50)])
     assert_allclose(limits.acceleration[1], [np.radians(100), 0.1, np.radians(100)])
-    assert_allclose(limits.torque[1], [50, np.inf, np.inf])
+    assert_allclose(limits.torque[1], [50, 60, 25])
     still = np.zeros((2, 3))
     kept = _constraint("torque", TorqueBound(arm, limits.torque, np.zeros(3)).report((still, still, still)))
     assert re.fullmatch(r"kept; \S+ \.\. \S+ N\*m, \S+ \.\. \S+ N, \S+ \.\. \S+ N\*m", kept), kept

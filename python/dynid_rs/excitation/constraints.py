@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import torque_of
 from dynid_rs.excitation.bounds import STEP, smooth_peak
 from dynid_rs.excitation.limits import share
@@ -145,13 +146,28 @@ def torque_bound(robot: RobotModel, limits: ExcitationLimits, start: FloatArray)
     """
     if limits.torque is not None:
         return TorqueBound(robot, limits.torque, start) if np.isfinite(limits.torque).any() else "no torque is limited"
-    declared = np.asarray(robot.effort_limits)
     if not np.any(robot.phi):
         return "torque is not limited: the robot file declares no inertials"
-    still = 0 * start[None]
-    holding = np.abs(robot.inverse_dynamics(start[None], still, still))[0]
-    usable = np.isfinite(declared) & (declared > holding)
-    if not usable.any():
+    size = usable_effort(robot, start)
+    if not np.isfinite(size).any():
         return "torque is not limited: the robot file declares no effort that holds the arm"
-    size = np.where(usable, declared, np.inf)
     return TorqueBound(robot, np.stack([-size, size]), start)
+
+
+def usable_effort(robot: RobotModel, start: FloatArray) -> FloatArray:
+    """Declared effort (n_joints,) [N m, N] where it holds the arm at its start, else infinite."""
+    declared, still = np.asarray(robot.effort_limits), 0 * start[None]
+    holding = np.abs(robot.inverse_dynamics(start[None], still, still))[0]
+    return np.where(declared > holding, declared, np.inf)
+
+
+def unlimited_joints(bound: TorqueBound, start: FloatArray) -> tuple[str, ...]:
+    """Name the joints whose declared effort does not hold the arm at its start, and so limits nothing (n_notes,)."""
+    robot, declared = bound.robot, np.asarray(bound.robot.effort_limits)
+    too_small = (declared > 0) & np.isfinite(declared) & np.isinf(usable_effort(robot, start))
+    named = ", ".join(
+        f"{shown(robot.joint_names[j])} ({declared[j]:g} {torque_of('N*m', robot.joint_kinds[j])})"
+        for j in np.flatnonzero(too_small & np.isinf(bound.limits).all(axis=0))
+    )
+    why = "the declared effort does not hold the arm at its start; if it is meant, choose another start"
+    return (f"torque is not limited at {named}: {why}",) if named else ()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import RankDeficientError
 from dynid_rs.base.estimator import Estimator
-from dynid_rs.excitation.constraints import Constraint, PhysicalLimits, torque_bound
+from dynid_rs.excitation.constraints import Constraint, PhysicalLimits, torque_bound, unlimited_joints
 from dynid_rs.excitation.limits import ExcitationLimits
 from dynid_rs.excitation.merit import merit_of
 from dynid_rs.excitation.problem import CRITERIA, Problem
@@ -225,7 +225,7 @@ class FourierExcitation(Estimator):
         torque = torque_bound(robot, limits, start)
         bound: list[Constraint] = [] if isinstance(torque, str) else [torque]
         bound += [constraint.bind(robot, start) for constraint in self.constraints]
-        return bound, (torque,) if isinstance(torque, str) else ()
+        return bound, (torque,) if isinstance(torque, str) else unlimited_joints(torque, start)
 
     def _plan(self) -> Plan:
         return Plan(

@@ -14,7 +14,7 @@ limit = {shoulder = 100, elbow = 60} # ... or by joint name; joints not named ke
 [acceleration]                      # no URDF says it (a robot.toml may), so this one must be there for every joint
 limit = 120                         # limit: the same in both directions; or lower and upper
 
-[torque]                            # left out: the robot's effort limits, where they hold the arm
+[torque]                            # left out, joints too: the robot's effort limits, where they hold the arm
 limit = [150, 150, 60]              # N*m (N for sliding joints) of the links, friction not counted
 
 [start]
@@ -40,7 +40,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +51,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import file_name, shown, shown_value
 from dynid_rs.base.toml import read_toml
 from dynid_rs.excitation.collision import SelfCollision
-from dynid_rs.excitation.constraints import PhysicalLimits
+from dynid_rs.excitation.constraints import PhysicalLimits, usable_effort
 from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits, fault
 from dynid_rs.excitation.workspace import WorkspaceBox
 from dynid_rs.runs.readers.config import UNITS
@@ -141,11 +141,13 @@ class _Parser:
                     f"units.{quantity}", f"the unit {shown_value(unit)} is not known; choose one of {choices}"
                 )
         position, velocity, acceleration = (self.motion(name) for name in MOTIONS)
-        torque = self.sides("torque", np.stack([np.full(self.n, -np.inf), np.full(self.n, np.inf)]))
+        motion = ExcitationLimits(position, velocity, acceleration)
+        start = self.start(motion)
+        effort = usable_effort(self.robot, motion.start(start))
+        torque = self.sides("torque", np.stack([-effort, effort]))
         if torque is not None:
             self.check("torque", torque)
-        limits = ExcitationLimits(position, velocity, acceleration, torque)
-        return LimitsFile(limits, self.start(limits), tuple(self.constraints(urdf)))
+        return LimitsFile(replace(motion, torque=torque), start, tuple(self.constraints(urdf)))
 
     @property
     def n(self) -> int:
