@@ -242,6 +242,14 @@ def test_causes_in_words(cause, said):
     assert sentence_of(cause) == said
 
 
+def test_which_form_is_pooled_does_not_depend_on_the_order():
+    arms = identified().estimates[:6]
+    mixed = [replace(arm, torque_unit="A") if k % 2 else arm for k, arm in enumerate(arms)]
+    pooled = [{arm.name for one in Fleet().fit(given).types_ for arm in one.arms} for given in (mixed, mixed[::-1])]
+    assert pooled[0] == pooled[1]
+    assert len(pooled[0]) == 3
+
+
 def test_speeds_of_a_sliding_joint_are_in_metres_in_amperes_too():
     arms = [
         replace(arm, torque_unit="A", kinds=("revolute", "prismatic", "revolute")) for arm in identified().estimates

@@ -185,7 +185,10 @@ class Fleet(Estimator):
 
 
 def _grouped(arms: Sequence[ArmEstimate]) -> tuple[dict[str, list[ArmEstimate]], list[tuple[ArmEstimate, str]]]:
-    """Arms of every type that have one form, the form of most of them; and the others, with the reason."""
+    """Arms of every type that have one form, the form of most of them; and the others, with the reason.
+
+    Of forms that as many have, which one it is does not depend on the order of the arms.
+    """
     marks: dict[str, list[str]] = {}
     for arm in arms:
         known = marks.setdefault(arm.type, [])
@@ -201,7 +204,7 @@ def _grouped(arms: Sequence[ArmEstimate]) -> tuple[dict[str, list[ArmEstimate]],
     alone: list[tuple[ArmEstimate, str]] = []
     for name, members in types.items():
         forms = [arm.form for arm in members]
-        usual = max(forms, key=forms.count) if len(set(forms)) > 1 else forms[0]
+        usual = max(forms, key=lambda form: (forms.count(form), repr(form))) if len(set(forms)) > 1 else forms[0]
         groups[name] = [arm for arm, form in zip(members, forms, strict=True) if form == usual]
         another = "other joints, parameters, units or another law of friction"
         reason = f"not pooled: it has {another} than most arms of the type {name}"
