@@ -40,6 +40,8 @@ FORMAT, VERSION = "dynid-open", 4
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
 DIGITS = 9
+SAME_GRAVITY = 1e-6
+"""Difference [m/s^2] that is rounding."""
 NEAR, FAR = 1e-9, 1e9
 """What a window of angles, and a unit of torque, are between."""
 
@@ -53,6 +55,7 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
         "version": VERSION,
         "robot": plan.robot.name,
         "joints": names,
+        "gravity": setup.declared.gravity.tolist(),
         "torque_unit": asked.torque_unit,
         "torque_per_newton_meter": asked.unit,
         "cutoff_hz": asked.cutoff,
@@ -175,12 +178,25 @@ class _Reader:
             )
         if content.get("checksum") != checksum_of(content):
             self.refuse("is not as it was written (its checksum differs)")
+        if "gravity" in content:  # earlier versions did not keep it
+            self.check_gravity(self.array(content["gravity"], "gravity", (3,)))
         try:
             return self._content(content)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError, OverflowError) as error:
             if isinstance(error, DataError):
                 raise
             self.refuse(f"its content is not what it should be ({shown(str(error), 100)})")
+
+    def check_gravity(self, theirs: FloatArray) -> None:
+        """Refuse a robot that hangs or leans otherwise than the one that was diagnosed."""
+        if not np.allclose(theirs, self.robot.gravity, rtol=0, atol=SAME_GRAVITY):
+            said, ours = (",".join(f"{g:.6g}" for g in gravity) for gravity in (theirs, self.robot.gravity))
+            raise DataError(
+                f"{self.path}: the diagnosis was made with free fall along {said}, and here it is {ours}; give "
+                f"--gravity {said}, or diagnose once more",
+                code="other_robot",
+                file=str(self.path),
+            )
 
     def _content(self, content: dict[str, Any]) -> OpenQuestions:
         n = self.robot.n_joints
