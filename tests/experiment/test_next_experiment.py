@@ -508,6 +508,7 @@ def test_from_the_command_line(runs, tmp_path):
     for option in ("--duration", "--budget"):
         assert f"{option} must be at least" in refusal(dynid(*asks, option, 1.5, "--restarts", 1000))
     assert "leave one out" in refusal(dynid(*asks, "--budget", 10, "--duration", 10))
+    assert "--budget must be a time" in refusal(dynid(*asks, "--budget", 0))
     # Nor is a motion designed for an arm that hangs otherwise than the one that was diagnosed.
     assert "give --gravity 0,0,-9.81" in refusal(dynid(*asks, "--gravity", "9.81,0,0", "--restarts", 1000))
     # Another length of the budget is another problem, whose searches are kept beside.

@@ -190,10 +190,10 @@ def excite(
     from dynid_rs.excitation.output import n_steps_of
     from dynid_rs.experiment.answer import to_json
 
-    files = Outputs(output, friction, budget)
-    files.check([robot, *(path for path in (limits, after) if path)], force=force)
     check_aims(separate is not None, after is not None, load, budget, duration)
     duration = LENGTH if duration is None else duration
+    files = Outputs(output, friction, budget)
+    files.check([robot, *(path for path in (limits, after) if path)], force=force)
     with options_named():
         n_steps_of(budget or duration, rate)  # refused before the search, not after it
     with options_named(), goes_on(files.after_interrupt()), progress(*_plan(separate, after)) as say:
