@@ -96,11 +96,12 @@ def test_nothing_learned_is_said(folder):
     assert "nothing was learned about false contacts" in said.stdout
 
 
-def test_what_a_diagnosis_does_not_know_raises_thresholds(tmp_path):
-    """The folder of a diagnosis says what its runs left unknown: a few seconds of motion."""
+@pytest.mark.parametrize("verb", ["diagnose", "identify"])
+def test_what_its_runs_did_not_tell_raises_thresholds(tmp_path, verb):
+    """The folder of a result says what its runs left unknown: a few seconds of motion."""
     robot = write_robot(tmp_path)
     short, test = (write(tmp_path / f"short_{k}.csv", run(k)) for k in range(2))
-    dynid("diagnose", robot, short, "--test", test, "-o", tmp_path / "result")
+    dynid(verb, robot, short, "--test", test, "-o", tmp_path / "result")
     long = [write(tmp_path / f"long_{k}.csv", run(k, duration=40.0)) for k in range(3)]
     healthy = [part for path in long for part in ("--healthy", path)]
     for name in ("alone", "beside"):

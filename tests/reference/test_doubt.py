@@ -13,7 +13,8 @@ from helpers.small_arm import URDF, dynid, study
 from load_coverage import held, weighed
 from numpy.testing import assert_allclose
 
-from dynid_rs import DataError, Doubt, RobotModel, ThreeLoopIdentifier, TorqueModel
+from dynid_rs import DataError, Doubt, RobotModel, ThreeLoopIdentifier, TorqueModel, parameter_directions
+from dynid_rs.identification.directions import directions_of
 from dynid_rs.identification.doubt import _root
 from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.simulation import simulate, typical_arm
@@ -53,6 +54,16 @@ def test_a_doubt_survives_its_file(fitted):
     assert again.widths == doubt.widths
     assert again.pivots.tolist() == doubt.pivots.tolist()
     assert again.is_of(fitted.model_, fitted.links_.phi_base_)
+
+
+def test_contacts_get_the_same_directions_from_it(fitted):
+    model, doubt = fitted.model_, Doubt.from_json(Doubt.of(fitted).to_json(), fitted.model_)
+    ours = directions_of(doubt.covariance, doubt.plan(model), model, np.asarray(model.noise_std))
+    theirs = parameter_directions(fitted)
+    assert_allclose(ours.kept, theirs.kept, rtol=1e-6)
+    # Directions of one size may change places and signs: what they tell together is the same.
+    scale = np.abs(theirs.phi).max(axis=0)
+    assert_allclose(ours.phi.T @ ours.phi, theirs.phi.T @ theirs.phi, atol=1e-6 * np.outer(scale, scale).max())
 
 
 def test_columns_are_what_the_model_makes_of_the_parameters(fitted):

@@ -201,15 +201,21 @@ def _check(
 
 
 def _directions(model: Path, reference: TorqueModel) -> ParameterDirections | None:
-    """What the runs of a diagnosis left unknown; None beside a lone model."""
+    """What the runs left unknown, by a diagnosis' open questions or by the result; None beside a lone model."""
     from dataclasses import replace
 
+    import numpy as np
+
+    from dynid_rs.commands._beside import doubt_of, result_beside
     from dynid_rs.commands._identifier import OPEN_FILE
+    from dynid_rs.identification.directions import directions_of
 
     if not (model / OPEN_FILE).is_file():
-        return None
+        doubt = doubt_of(result_beside(model) if model.is_dir() else None, reference)
+        if doubt is None:
+            return None
+        return directions_of(doubt.covariance, doubt.plan(reference), reference, np.asarray(reference.noise_std))
     from dynid_rs.diagnosis.open_file import read_open
-    from dynid_rs.identification.directions import directions_of
 
     asked = read_open(model, reference.robot)
     plan = replace(asked.plan, robot=reference.robot)

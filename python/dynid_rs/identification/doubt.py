@@ -17,6 +17,7 @@ from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate, with_changes
+from dynid_rs.regression.columns import Plan
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -103,6 +104,11 @@ class Doubt:
         alike = np.eye(n)
         alike[np.triu_indices(n, 1)] = upper
         return Doubt(pivots.astype(np.int64), widths, (alike + np.triu(alike, 1).T) * np.outer(std, std))
+
+    def plan(self, model: _core.TorqueModel) -> Plan:
+        """What the unknowns are, of `model`, whose doubt it is."""
+        effects = tuple(effect for effect, _ in model.effects[: len(self.widths)])
+        return Plan(model.robot, effects, self.pivots, np.ones((model.robot.n_joints, sum(self.widths)), dtype=bool))
 
     def is_of(self, model: _core.TorqueModel, phi_base: FloatArray) -> bool:
         """Whether a model has these base parameters (n_base,), whose covariance it is."""
