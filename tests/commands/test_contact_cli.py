@@ -137,6 +137,11 @@ def test_what_cannot_be_is_refused_in_a_sentence(folder, options, words):
     assert words in refusal(dynid("contact", folder / "model.json", *paths))
 
 
+def test_what_is_to_be_saved_cannot_do_without_healthy_runs(folder, tmp_path):
+    options = ("--healthy", folder / "pushed.parquet", "--save", tmp_path / "x.json")
+    assert refusal(dynid("contact", folder / "model.json", *options)).endswith("name runs of two minutes in all")
+
+
 def test_nothing_that_is_there_is_replaced_unasked_and_nothing_that_is_read_at_all(folder, tmp_path):
     (tmp_path / "found").mkdir()
     for name in ("model.json", "free.parquet"):

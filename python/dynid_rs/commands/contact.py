@@ -27,7 +27,7 @@ def contact(
         Path,
         typer.Argument(
             metavar="MODEL.json",
-            help="What `dynid identify` made, or the folder of `dynid diagnose`: what its runs left unknown then "
+            help="What `dynid identify` or `dynid diagnose` made; named by its folder, what its runs left unknown "
             "raises thresholds where the model knows little",
         ),
     ],
@@ -121,9 +121,14 @@ def contact(
                 observer.fit(good)
             if observer.uncertainty_ is None:
                 seconds = sum(run.duration for run in good)
+                without = (
+                    ""
+                    if save is not None
+                    else (", or leave --healthy out: thresholds then follow from what the model expects")
+                )
                 raise ValueError(
                     f"{seconds:.0f} s of healthy runs are too few to say how often a threshold is passed; name runs of "
-                    "two minutes in all, or leave --healthy out: thresholds then follow from what the model expects"
+                    f"two minutes in all{without}"
                 )
         if save is not None:
             observer.save(save)
