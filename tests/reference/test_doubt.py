@@ -13,7 +13,7 @@ from helpers.small_arm import URDF, dynid, study
 from load_coverage import held, weighed
 from numpy.testing import assert_allclose
 
-from dynid_rs import DataError, Doubt, RobotModel, ThreeLoopIdentifier, TorqueModel, parameter_directions
+from dynid_rs import DataError, Doubt, RobotModel, ThreeLoopIdentifier, TorqueModel, _core, parameter_directions
 from dynid_rs.identification.directions import directions_of
 from dynid_rs.identification.doubt import _root
 from dynid_rs.model.assembly import evaluate, with_changes
@@ -84,6 +84,23 @@ def test_columns_are_what_the_model_makes_of_the_parameters(fitted):
         moved = with_changes(model, phi=phi, effects=[*effects, *model.effects[len(doubt.widths) :]])
         change = states.in_band(evaluate(moved, states)[0] - evaluate(model, states)[0])
         assert_allclose(columns[:, :, k], change, atol=1e-6 * np.abs(change).max())
+
+
+def test_what_saturates_has_the_column_of_all_that_the_motor_gives(fitted):
+    """Its torque is the cube of all others' together."""
+    model, states = fitted.model_, fitted.runs_[0]
+    n = model.robot.n_joints
+    saturation = _core.Effect.of("torque_saturation")
+    own, pivots = np.full((n, 1), -1e-6), Doubt.of(fitted).pivots
+    saturated = with_changes(model, effects=[*model.effects, (saturation, own)])
+    widths = tuple(effect.n_columns for effect, _ in saturated.effects)
+    std = np.zeros(len(pivots) + n * sum(widths))
+    std[len(pivots) + sum(widths) - 1] = 1e-7  # the first joint's own, alone
+    (column,) = Doubt(pivots, widths, np.diag(std**2)).columns(saturated, states).transpose(2, 0, 1)
+    more = with_changes(model, effects=[*model.effects, (saturation, own + 1e-7 * np.eye(n)[:, :1])])
+    change = states.in_band(evaluate(more, states)[0] - evaluate(saturated, states)[0])
+    assert np.abs(change).max() > 0
+    assert_allclose(column, change, atol=1e-6 * np.abs(change).max())
 
 
 @pytest.mark.parametrize(

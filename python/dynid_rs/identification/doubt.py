@@ -129,21 +129,18 @@ class Doubt:
 
     def _own_columns(self, model: _core.TorqueModel, states: States) -> FloatArray:
         """Torque per unit of every own coefficient, (n_samples, n_joints, sum(widths)): effect by effect."""
-        n = model.robot.n_joints
-        columns = np.zeros((len(states.t), n, sum(self.widths)))
-        first = np.cumsum((0, *self.widths))
-        for c in range(max(self.widths, default=0)):
-            # All effects' coefficient number c at once: their torques are told apart by the model itself.
-            unit = []
-            for k, (effect, values) in enumerate(model.effects):
-                alone = np.zeros(values.shape)
-                if k < len(self.widths) and c < self.widths[k]:
-                    alone[:, c] = 1.0
-                unit.append((effect, alone))
-            terms = evaluate(with_changes(model, effects=unit), states)[1]
-            for k, width in enumerate(self.widths):
-                if c < width:
-                    columns[:, :, first[k] + c] = terms[:, 1 + k]
+        parts = []
+        for k, width in enumerate(self.widths):
+            for c in range(width):
+                # Alone among the others as they are: what saturates is the cube of all their torque.
+                effects = model.effects
+                alone = np.zeros(effects[k][1].shape)
+                alone[:, c] = 1.0
+                effects[k] = (effects[k][0], alone)
+                parts.append(evaluate(with_changes(model, effects=effects), states)[1][:, 1 + k])
+        columns = np.zeros((len(states.t), model.robot.n_joints, len(parts)))
+        for c, part in enumerate(parts):
+            columns[:, :, c] = part
         return columns
 
 
