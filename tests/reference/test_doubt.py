@@ -13,10 +13,20 @@ from helpers.small_arm import URDF, dynid, study
 from load_coverage import held, weighed
 from numpy.testing import assert_allclose
 
-from dynid_rs import DataError, Doubt, RobotModel, ThreeLoopIdentifier, TorqueModel, _core, parameter_directions
+from dynid_rs import (
+    DataError,
+    Doubt,
+    RobotModel,
+    ThreeLoopIdentifier,
+    TorqueModel,
+    _core,
+    parameter_directions,
+    read_recording,
+)
 from dynid_rs.identification.directions import directions_of
 from dynid_rs.identification.doubt import _root
 from dynid_rs.model.assembly import evaluate, with_changes
+from dynid_rs.reference import weigh_load
 from dynid_rs.simulation import simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
 
@@ -131,6 +141,14 @@ def loaded(tmp_path_factory):
     run = simulate(replace(arm, phi=phi), n_runs=1, duration=10, seed=9).recordings[0]
     write(path, run_columns(run))
     return path
+
+
+def test_errors_without_a_load_are_not_those_of_a_model_that_doubts_itself(fitted, loaded):
+    """Beside the friction and the offsets of that day only: what the model leaves open may look like half of a load."""
+    run = read_recording(loaded)
+    alone, doubted = (weigh_load(fitted.model_, [run], doubt=doubt) for doubt in (None, Doubt.of(fitted)))
+    assert_allclose(doubted.rmse_before, alone.rmse_before, rtol=1e-9)
+    assert_allclose(doubted.rmse_after, alone.rmse_after, rtol=0.2)
 
 
 def told(model, run):
