@@ -165,7 +165,18 @@ def test_the_command_reads_what_lies_beside_the_model(tmp_path, loaded):
     assert widths[0] != widths[1]
     assert "reference_alone" not in [one["code"] for one in known["findings"]]
     (finding,) = (one for one in lone["findings"] if one["code"] == "reference_alone")
-    assert "leave it in the folder that `dynid identify` wrote" in finding["message"]
+    assert "identify again where its result.json has none, and leave both in one folder" in finding["message"]
+
+
+def test_a_folder_of_an_earlier_version_is_told_to_be_made_again(tmp_path, loaded):
+    """Its model is in the folder that `dynid identify` wrote, and leaving it there is no mend."""
+    shutil.copytree(study().output, tmp_path / "earlier")
+    result = study().result
+    del result["covariance"]
+    (tmp_path / "earlier" / "result.json").write_text(json.dumps(result))
+    (finding,) = (one for one in told(tmp_path / "earlier", loaded)["findings"] if one["code"] == "reference_alone")
+    assert "no `covariance` beside the model" in finding["message"]
+    assert "identify again where its result.json has none" in finding["message"]
 
 
 def test_the_result_of_another_model_says_nothing(tmp_path, loaded):

@@ -48,7 +48,8 @@ def not_known(doubt: Doubt | None, runs: str) -> list[Finding]:
         Finding(
             "reference_alone",
             "info",
-            "nothing beside the model says how well its parameters are known; intervals are as wide as if it had been "
-            f"learned from as much as {runs}; leave it in the folder that `dynid identify` wrote",
+            "no `covariance` beside the model says how well its parameters are known; intervals are as wide as if it "
+            f"had been learned from as much as {runs}; identify again where its result.json has none, and leave both "
+            "in one folder",
         )
     ]
