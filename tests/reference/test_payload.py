@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from dynid_rs import RobotModel, TorqueModel
 from dynid_rs.base.findings import Finding
-from dynid_rs.commands.payload import _frame, _lines
+from dynid_rs.commands.payload import _answer, _frame, _lines
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.reference import compare, weigh_load
 from dynid_rs.reference.change_search import wald
@@ -177,6 +177,14 @@ def test_where_no_mass_is_seen_nothing_is_and_the_nearest_body_has_the_torque():
     assert_allclose(moments[[0, 2]], phi[[1, 3]], atol=0.15 * np.linalg.norm(phi[1:4]))
     # An offset of that day, which was weighed beside it, is no error of the load.
     assert load.rmse_after[0] < 1.3 * reference.noise_std[0] < 0.5 * load.rmse_before[0]
+
+
+def test_a_mass_that_no_torque_shows_is_no_load_data():
+    """Two joints put one of 2 kg at 27 kg, the nearest body's, and controllers were given that."""
+    reference, runs, _ = few_joints(["revolute", "revolute"], ["0 0 1", "0 1 0"])
+    answer = _answer(weigh_load(reference, runs), "l2", reference.robot.joint_names, [])
+    assert answer["seen"]
+    assert (answer["load"][0]["interval"], answer["words"]) == (None, {})
 
 
 def test_the_command_weighs_a_tool(place):

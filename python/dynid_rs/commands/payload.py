@@ -125,6 +125,8 @@ def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:
 
 
 def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) -> dict[str, Any]:
+    import numpy as np
+
     from dynid_rs.reference.load_data import quantities, vendor_words
 
     seen = load.p_value < SURE and load.mass > 0
@@ -135,7 +137,8 @@ def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) 
         "seen": bool(seen),
         "p_value": load.p_value,
         "load": quantities(load),
-        "words": vendor_words(load) if seen else {},
+        # A controller would take a mass that no torque shows.
+        "words": vendor_words(load) if seen and np.isfinite(load.intervals[0]).all() else {},
         "joints": list(joints),
         "rmse": {"before": load.rmse_before.tolist(), "after": load.rmse_after.tolist()},
         "findings": [finding.to_json() for finding in findings],
