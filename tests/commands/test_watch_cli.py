@@ -119,6 +119,21 @@ def test_an_encoder_that_slipped_is_named_and_not_refused(arm):
     assert not [one for one in answer["findings"] if one["code"] == "position_jump"]
 
 
+def test_a_slip_of_before_does_not_excuse_another_jump(arm, tmp_path):
+    """Ten samples that are off, in the run after the slip: a load and gains were told of them."""
+    run, later = recorded(60.0, 3), recorded(40.0, 4)
+    q, after = run.q.copy(), later.q.copy()
+    q[run.t >= 20.0, 1] += 0.3
+    after[:, 1] += 0.3
+    after[5000:5010, 1] += 0.5
+    write_runs(arm, {"slipped": replace(run, q=q), "spike": replace(later, q=after)})
+    options = ("--remember", tmp_path / "state.json")
+    assert watched(arm, "slipped", options=options).exit_code == 1
+    kept = (tmp_path / "state.json").read_bytes()
+    assert "spike.parquet: q_1 jumps by" in refusal(watched(arm, "spike", options=options))
+    assert (tmp_path / "state.json").read_bytes() == kept
+
+
 def test_what_is_tolerated_is_not_said(arm):
     assert watched(arm, "harder", options=["--tolerate", "friction=0.3", "--tolerate", "gain=.3"]).exit_code == 0
 

@@ -145,7 +145,7 @@ def watch(
             try:
                 recording, found = read_undamaged(source, but=lambda finding: _kind_of(finding) is not None)
                 told = _watched(watching, recording, known, remember)
-                found = _unsaid(found, told, recording.joints)
+                found = _unsaid(found, told, recording)
                 refuse_damage(found)
                 watched.append(told)
             except (ValueError, OSError) as error:
@@ -187,10 +187,17 @@ def _kind_of(finding: Finding) -> str | None:
     return _NAMED.get((finding.code, (finding.column or "").rpartition("_")[0]))
 
 
-def _unsaid(findings: list[Finding], told: Watched, joints: Sequence[str]) -> list[Finding]:
-    """Findings less those that the watch has named."""
-    named = {(one.kind, str(joints.index(one.joint))) for one in (*told.before, *told.changes)}
-    return [one for one in findings if (_kind_of(one), (one.column or "").rpartition("_")[2]) not in named]
+def _unsaid(findings: list[Finding], told: Watched, recording: Recording) -> list[Finding]:
+    """Findings less those that the watch has named: what it said before the damage is of something else."""
+    named = [*told.before, *(one for one in told.changes if one.said == "named")]
+    said = [(one.kind, str(recording.joints.index(one.joint)), one.t) for one in named]
+
+    def is_said(finding: Finding) -> bool:
+        begun = recording.t[0 if finding.rows is None else finding.rows[0]]
+        kind, joint = _kind_of(finding), (finding.column or "").rpartition("_")[2]
+        return any((kind, joint) == (one, where) and t >= begun for one, where, t in said)
+
+    return [finding for finding in findings if not is_said(finding)]
 
 
 def _tolerated(said: Sequence[str]) -> Tolerated:
