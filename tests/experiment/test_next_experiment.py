@@ -1,6 +1,7 @@
 """The next experiment: what is known of what is open, what a motion would say of it, and what comes out."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -448,6 +449,19 @@ def test_a_file_that_was_changed_is_refused(asked, tmp_path):
         path.write_text(json.dumps(changed))
         with pytest.raises(dyn.DataError, match="is not as it was written"):
             read_open(path, ROBOT)
+
+
+def test_the_gravity_that_is_asked_for_is_taken(asked, tmp_path):
+    """Of an arm that leans six digits were told, and refused once more: the same numbers on both sides."""
+    path, robot = tmp_path / "open.json", RobotFile(tmp_path)
+    leaning = {"gravity": [6.936717523, 0.0, -6.936717523]}
+    content = to_json(asked) | leaning
+    path.write_text(json.dumps(content | {"checksum": checksum_of(content)}))
+    with pytest.raises(dyn.DataError, match=r"and here it is 0,0,-9\.81; give --gravity") as refused:
+        read_open(path, robot.robot)
+    told = re.search(r"give --gravity (\S+), or", str(refused.value))[1]
+    typed = dyn.read_robot(robot.path, gravity=[float(part) for part in told.split(",")])
+    assert read_open(path, typed).setup.declared.gravity.tolist() == typed.gravity.tolist()
 
 
 def test_a_folder_without_open_questions_says_why(tmp_path):

@@ -190,7 +190,7 @@ class _Reader:
     def check_gravity(self, theirs: FloatArray) -> None:
         """Refuse a robot that hangs or leans otherwise than the one that was diagnosed."""
         if not np.allclose(theirs, self.robot.gravity, rtol=0, atol=SAME_GRAVITY):
-            said, ours = (",".join(f"{g:.6g}" for g in gravity) for gravity in (theirs, self.robot.gravity))
+            said, ours = (",".join(f"{g:.{DIGITS}g}" for g in gravity) for gravity in (theirs, self.robot.gravity))
             raise DataError(
                 f"{self.path}: the diagnosis was made with free fall along {said}, and here it is {ours}; give "
                 f"--gravity {said}, or diagnose once more",
