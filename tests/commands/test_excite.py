@@ -14,7 +14,8 @@ from dynid_rs import DataError, RobotModel
 from dynid_rs.base.files import write_json
 from dynid_rs.commands._excite_view import _constraint
 from dynid_rs.excitation import SelfCollision, WorkspaceBox
-from dynid_rs.excitation.constraints import TorqueBound
+from dynid_rs.excitation.constraints import torque_bound
+from dynid_rs.excitation.friction_plan import friction_plan
 from dynid_rs.excitation.friction_segments import FrictionExperiment
 from dynid_rs.excitation.limits_file import read_limits
 
@@ -109,14 +110,20 @@ def test_a_table_s_own_gravity_and_acceleration_are_kept(tmp_path):
 
 
 def test_the_robot_s_own_effort_holds_where_nothing_else_is_said(tmp_path):
-    own = read(tmp_path, "[acceleration]\nlimit = 5\n[torque]\nlimit = {wrist = 20}\n").limits.torque
-    assert own[1].tolist() == [80, 60, 20]  # of the URDF where the table names no other
+    text = "[acceleration]\nlimit = 5\n[torque]\nlimit = {wrist = 20}\n"
+    bound = torque_bound(robot(), read(tmp_path, text).limits, np.zeros(3))
+    assert bound.limits[1].tolist() == [80, 60, 20]  # of the URDF where the table names no other
     # A declared effort that does not hold the arm limits nothing, and that is said.
     (tmp_path / "weak.urdf").write_text(URDF.replace('effort="60"', 'effort="15"'))
     options = (tmp_path / "weak.urdf", "-o", tmp_path / "plan.csv", *QUICK)
     printed = " ".join(dynid("excite", *options).output.split())
     assert "note: torque is not limited at elbow (15 N*m): the declared effort does not hold the arm" in printed
     assert json.loads((tmp_path / "plan.json").read_text())["constraints"]["torque"]["upper"] == [80, None, 25]
+    # Whether it does is asked where a motion starts: the friction experiment has another start than the file.
+    weak = RobotModel.from_urdf(tmp_path / "weak.urdf")
+    given = read_limits(limits_file(tmp_path, text + "[start]\nposition = [0, 1.5, 0]\n"), weak)
+    assert torque_bound(weak, given.limits, given.start).limits[1].tolist() == [80, 15, 20]
+    assert friction_plan(weak, given.limits).duration > 0
 
 
 def test_a_xacro_source_is_expanded_on_request(tmp_path):
@@ -362,9 +369,9 @@ def test_units_and_sliding_joints(tmp_path):
     assert_allclose(limits.position[1], [np.pi / 2, 0.09, np.pi / 2])
     assert_allclose(limits.velocity[1], [np.radians(50), 0.05, np.radians(50)])
     assert_allclose(limits.acceleration[1], [np.radians(100), 0.1, np.radians(100)])
-    assert_allclose(limits.torque[1], [50, 60, 25])
-    still = np.zeros((2, 3))
-    kept = _constraint("torque", TorqueBound(arm, limits.torque, np.zeros(3)).report((still, still, still)))
+    bound, still = torque_bound(arm, limits, np.zeros(3)), np.zeros((2, 3))
+    assert_allclose(bound.limits[1], [50, 60, 25])
+    kept = _constraint("torque", bound.report((still, still, still)))
     assert re.fullmatch(r"kept; \S+ \.\. \S+ N\*m, \S+ \.\. \S+ N, \S+ \.\. \S+ N\*m", kept), kept
 
 

@@ -144,14 +144,18 @@ def torque_bound(robot: RobotModel, limits: ExcitationLimits, start: FloatArray)
 
     A declared limit that does not hold the arm at its start is a placeholder (many files say 0, 1 or 10).
     """
-    if limits.torque is not None:
-        return TorqueBound(robot, limits.torque, start) if np.isfinite(limits.torque).any() else "no torque is limited"
-    if not np.any(robot.phi):
+    own = limits.torque is None
+    if own and not np.any(robot.phi):
         return "torque is not limited: the robot file declares no inertials"
     size = usable_effort(robot, start)
-    if not np.isfinite(size).any():
-        return "torque is not limited: the robot file declares no effort that holds the arm"
-    return TorqueBound(robot, np.stack([-size, size]), start)
+    torque = np.stack([-size, size])
+    if limits.torque is not None:
+        torque = np.where(np.isnan(limits.torque), torque, limits.torque)
+    if np.isfinite(torque).any():
+        return TorqueBound(robot, torque, start)
+    return (
+        "torque is not limited: the robot file declares no effort that holds the arm" if own else "no torque is limited"
+    )
 
 
 def usable_effort(robot: RobotModel, start: FloatArray) -> FloatArray:

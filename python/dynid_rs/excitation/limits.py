@@ -31,7 +31,8 @@ class ExcitationLimits:
     position, velocity, acceleration : ndarray (2, n_joints)
         Finite [rad, rad/s, rad/s^2; m for sliding joints]; velocity and acceleration below and above zero.
     torque : ndarray (2, n_joints), optional
-        Of the links, friction not counted [N m, N]; infinite where there is no limit. None: the robot's own.
+        Of the links, friction not counted [N m, N]; infinite where there is no limit, NaN where it is the robot's own.
+        None: all are the robot's own.
 
     Raises
     ------
@@ -125,6 +126,8 @@ class ExcitationLimits:
 
 def fault(quantity: str, limits: FloatArray, joint_names: Sequence[str] | None = None) -> str | None:
     """What is wrong with limits (2, n_joints) of a quantity, in one sentence, or None; joints by name or by index."""
+    if quantity == "torque":
+        limits = np.where(np.isnan(limits), [[-np.inf], [np.inf]], limits)
     for joint, (lower, upper) in zip(_names(joint_names, limits.shape[1]), limits.T.tolist(), strict=True):
         where = f"{quantity} of joint {joint}"
         if np.isnan([lower, upper]).any() or (quantity != "torque" and not np.isfinite([lower, upper]).all()):

@@ -40,7 +40,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +51,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import file_name, shown, shown_value
 from dynid_rs.base.toml import read_toml
 from dynid_rs.excitation.collision import SelfCollision
-from dynid_rs.excitation.constraints import PhysicalLimits, usable_effort
+from dynid_rs.excitation.constraints import PhysicalLimits
 from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits, fault
 from dynid_rs.excitation.workspace import WorkspaceBox
 from dynid_rs.runs.readers.config import UNITS
@@ -141,13 +141,11 @@ class _Parser:
                     f"units.{quantity}", f"the unit {shown_value(unit)} is not known; choose one of {choices}"
                 )
         position, velocity, acceleration = (self.motion(name) for name in MOTIONS)
-        motion = ExcitationLimits(position, velocity, acceleration)
-        start = self.start(motion)
-        effort = usable_effort(self.robot, motion.start(start))
-        torque = self.sides("torque", np.stack([-effort, effort]))
+        torque = self.sides("torque", np.full((2, self.n), np.nan))
         if torque is not None:
             self.check("torque", torque)
-        return LimitsFile(replace(motion, torque=torque), start, tuple(self.constraints(urdf)))
+        limits = ExcitationLimits(position, velocity, acceleration, torque)
+        return LimitsFile(limits, self.start(limits), tuple(self.constraints(urdf)))
 
     @property
     def n(self) -> int:
