@@ -361,6 +361,25 @@ def test_runs_that_share_a_few_rows_are_suspects_and_no_others():
     assert suspects([marks_of(still), marks_of(still)]) == []
 
 
+def test_rows_of_one_coarse_joint_are_alike_and_pieces_of_it_are_found():
+    """Encoder of 4096 steps, torque in steps of 0.05 N m: most pairs of runs were read again, and copies missed."""
+
+    def run(seed):
+        random, t = np.random.default_rng(seed), np.arange(20_000) * 0.001
+        phase = random.uniform(0, 2 * np.pi, 3)
+        q = np.sin(2 * np.pi * np.outer(t, [0.2, 0.5, 1.1]) + phase) @ [0.5, 0.3, 0.1]
+        tau = 10 * np.sin(q) + random.normal(0, 0.1, len(t))
+        step = 2 * np.pi / 4096
+        coarse = [np.round(x[:, None] / unit) * unit for x, unit in ((q, step), (tau, 0.05))]
+        return Recording(t=t, q=coarse[0], tau=coarse[1], name=str(seed))
+
+    runs = [run(seed) for seed in range(12)]
+    marks = [marks_of(each) for each in runs]
+    assert suspects(marks) == []
+    for k, start in ((0, 0), (3, 5000), (7, 12_000), (11, 19_000)):
+        assert suspects([*marks, marks_of(runs[k].slice(start, start + 1000))]) == [(k, 12)]
+
+
 def with_a_part_at_rest(columns):
     """The same run, and after a gap a second in which it hardly begins to move."""
     more = {name: values[-200:].copy() for name, values in columns.items()}

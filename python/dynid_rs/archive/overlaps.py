@@ -11,16 +11,24 @@ from dynid_rs.runs.checks.repeats import Keys, row_keys
 from dynid_rs.runs.recording import Recording
 
 ONE_OF = 128
-"""Of so many rows one is kept, by its content: the same ones of a run and of a piece of it."""
+"""Of so many rows one is kept, by what stands there: the same ones of a run and of a piece of it."""
+IN_A_ROW = 8
+"""Rows that are looked at together: of one coarse joint many rows are alike in any two runs, so many on end are not."""
+MIXING = np.uint64(0x9E3779B97F4A7C15)
+"""Odd: no bit of a row's key is lost."""
 LEAST = 2
 """Rows that two runs have to have in common. Of a thousand, eight are kept."""
 
 
 def marks_of(recording: Recording) -> Keys:
-    """`row_keys` of the rows that are kept, each once, where the arm moves: at rest rows repeat."""
-    keys = row_keys(recording)
-    moves = np.any(np.diff(recording.q, axis=0, prepend=recording.q[:1]) != 0.0, axis=1)
-    return np.unique(keys[moves & (keys >> np.uint64(32) & np.uint64(ONE_OF - 1) == 0)])
+    """Keys of `IN_A_ROW` rows that are kept, each once, where the arm moves: at rest rows repeat."""
+    keys, q = row_keys(recording), recording.q
+    n = max(len(keys) - IN_A_ROW + 1, 0)
+    several = np.zeros(n, dtype=np.uint64)
+    for k in range(IN_A_ROW):
+        several = several * MIXING + keys[k : k + n]
+    moves = np.any(q[:n] != q[len(q) - n :], axis=1)
+    return np.unique(several[moves & (several >> np.uint64(32) & np.uint64(ONE_OF - 1) == 0)])
 
 
 def suspects(marks: Sequence[Keys]) -> list[tuple[int, int]]:
