@@ -89,6 +89,7 @@ pub struct Cycle {
     guides: bool,
     /// Of the model and what learns beside it, if something does.
     identity: Identity,
+    follows_temperature: bool,
 }
 
 impl Cycle {
@@ -98,6 +99,7 @@ impl Cycle {
     /// [`Stop`] if the settings do not fit.
     pub fn new(model: Arc<TorqueModel>, settings: &Settings) -> Result<Self, Stop> {
         let n = model.robot().n_joints();
+        let follows_temperature = model.wants_temperature().contains(&true);
         let step_seconds = settings.step.or(model.step()).unwrap_or(USUAL_STEP);
         let stop = |error: CoreError| Stop::Because(error.to_string());
         let mut online =
@@ -160,6 +162,7 @@ impl Cycle {
             any_new: false,
             guides: settings.guide,
             identity: own,
+            follows_temperature,
         };
         cycle.take_deviation().map_err(stop)?;
         Ok(cycle)
@@ -241,6 +244,7 @@ impl Cycle {
         if self.online.swap(&mut new.online).is_ok() {
             std::mem::swap(&mut self.step_seconds, &mut new.step_seconds);
             std::mem::swap(&mut self.identity, &mut new.identity);
+            std::mem::swap(&mut self.follows_temperature, &mut new.follows_temperature);
         }
     }
 
@@ -254,6 +258,11 @@ impl Cycle {
 
     fn take_deviation(&mut self) -> Result<(), CoreError> {
         self.online.estimator().predicted_std_into(&mut self.std)
+    }
+
+    /// True if the model's friction follows a temperature.
+    pub fn follows_temperature(&self) -> bool {
+        self.follows_temperature
     }
 
     /// What there is to say now.

@@ -63,6 +63,8 @@ pub struct Frame {
     /// Signal by signal, joint by joint.
     values: Vec<f64>,
     wanted: [bool; N_SIGNALS],
+    /// What another model may want later.
+    sought: [bool; N_SIGNALS],
     names: Names,
     present: Present,
 }
@@ -76,6 +78,7 @@ impl Frame {
             time: f64::NAN,
             values: vec![f64::NAN; N_SIGNALS * n_joints],
             wanted: std::array::from_fn(|signal| signal < N_MOTION),
+            sought: [false; N_SIGNALS],
             names: NAMES,
             present: Present::default(),
         }
@@ -85,6 +88,17 @@ impl Frame {
     pub fn wanting(mut self, signal: usize, wanted: bool) -> Self {
         self.wanted[signal] = wanted;
         self
+    }
+
+    /// The same, where a model that comes later may want this signal: [`want`](Self::want) says when.
+    pub fn seeking(mut self, signal: usize, sought: bool) -> Self {
+        self.sought[signal] = sought;
+        self
+    }
+
+    /// Whether a signal is read from now on.
+    pub fn want(&mut self, signal: usize, wanted: bool) {
+        self.wanted[signal] = wanted;
     }
 
     /// The same for torques in this unit.
@@ -106,6 +120,7 @@ impl Frame {
     pub fn mirror(&mut self, of: &Self) {
         self.values.copy_from_slice(&of.values);
         (self.sequence, self.time, self.present) = (of.sequence, of.time, of.present);
+        self.wanted = of.wanted;
     }
 
     /// Joints of the robot.
@@ -116,6 +131,11 @@ impl Frame {
     /// True if a signal is read.
     pub fn wants(&self, signal: usize) -> bool {
         self.wanted[signal]
+    }
+
+    /// True if a signal is looked for, now or for later.
+    pub fn seeks(&self, signal: usize) -> bool {
+        self.wanted[signal] || self.sought[signal]
     }
 
     /// Which signals the input has.

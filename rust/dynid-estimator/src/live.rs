@@ -14,7 +14,7 @@ use dynid_core::TorqueModel;
 
 use crate::changes::Outbox;
 use crate::cycle::{Cycle, Settings};
-use crate::frame::{Frame, TORQUE};
+use crate::frame::{Frame, TEMPERATURE, TORQUE};
 use crate::pace::Pace;
 use crate::rate::Rate;
 use crate::realtime::RealTime;
@@ -263,6 +263,7 @@ impl Live {
         // Now, because a driven loop waited above.
         if let Some(inbox) = &self.inbox {
             inbox.take(cycle, self.rehearsal.twin());
+            self.frame.want(TEMPERATURE, cycle.follows_temperature());
         }
         for more in (0..MOST_STATES).rev() {
             let Some(length) = waiting else { break };

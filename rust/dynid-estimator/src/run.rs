@@ -100,6 +100,7 @@ pub fn run(
         let start = sys::now();
         if let Some(inbox) = &inbox {
             inbox.take(&mut cycle, rehearsal.twin());
+            frame.want(TEMPERATURE, cycle.follows_temperature());
         }
         parser
             .parse(lines.line(), &mut frame)
@@ -131,7 +132,8 @@ pub fn run(
 pub fn frame_for(model: &TorqueModel, settings: &Settings, watched: bool) -> Frame {
     let follows_temperature = model.wants_temperature().contains(&true);
     Frame::new(model.robot().n_joints())
-        .wanting(TEMPERATURE, follows_temperature || watched)
+        .wanting(TEMPERATURE, follows_temperature)
+        .seeking(TEMPERATURE, watched)
         .wanting(TORQUE, settings.wants_torque())
         .measured_in(model.torque_unit())
 }

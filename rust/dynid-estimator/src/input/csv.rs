@@ -103,7 +103,7 @@ impl Columns {
         Ok((columns, present))
     }
 
-    /// Reads one row; cells of ignored columns may hold anything.
+    /// Reads one row; cells of ignored columns, and of signals that are not wanted yet, may hold anything.
     ///
     /// # Errors
     /// [`Fault`] if a cell is not a number or the number of cells is wrong.
@@ -120,6 +120,7 @@ impl Columns {
             let value = || number(cell).ok_or_else(|| self.no_number(n_cells, cell));
             match *column {
                 Column::Ignored => {}
+                Column::Value { signal, .. } if !frame.wants(signal) => {}
                 Column::Time => frame.time = value()?,
                 Column::Value { signal, joint } => *frame.value_mut(signal, joint) = value()?,
             }
@@ -175,7 +176,7 @@ fn meanings(joints: &[&str], frame: &Frame) -> HashMap<String, Vec<Column>> {
         .names()
         .iter()
         .enumerate()
-        .filter(|(signal, _)| frame.wants(*signal))
+        .filter(|(signal, _)| frame.seeks(*signal))
     {
         add_all(aliases, &|joint| Column::Value { signal, joint });
     }

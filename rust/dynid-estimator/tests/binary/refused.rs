@@ -55,6 +55,19 @@ fn currents_are_no_torque_of_a_model_in_newton_meters() {
 }
 
 #[test]
+fn a_temperature_that_only_a_later_model_may_want_may_hold_anything() {
+    let saved = Saved::new();
+    let input = |more: &str, row: &str| format!("{HEADER}{more}\n0,0,0,0,0,0{row}\n");
+    let plain = saved.run(&["--watch"], input("", "")).good().out;
+    for row in [",hot,", ",n/a,40", ",,"] {
+        let log = input(",temperature_0,temperature_1", row);
+        assert_eq!(saved.run(&["--watch"], log).good().out, plain);
+    }
+    let object = r#"{"q":[0,0],"dq":[0,0],"ddq":[0,0],"temperature":40}"#;
+    saved.run(&["--watch"], format!("{object}\n")).good();
+}
+
+#[test]
 fn rows_that_are_broken() {
     let saved = Saved::new();
     for (row, words) in [
