@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from numpy.testing import assert_allclose
 from dynid_rs import DataError, RobotModel
 from dynid_rs.base.files import write_json
 from dynid_rs.commands._excite_view import _constraint
+from dynid_rs.commands.excite import Outputs
 from dynid_rs.excitation import SelfCollision, WorkspaceBox
 from dynid_rs.excitation.constraints import torque_bound
 from dynid_rs.excitation.friction_plan import friction_plan
@@ -124,6 +126,11 @@ def test_the_robot_s_own_effort_holds_where_nothing_else_is_said(tmp_path):
     given = read_limits(limits_file(tmp_path, text + "[start]\nposition = [0, 1.5, 0]\n"), weak)
     assert torque_bound(weak, given.limits, given.start).limits[1].tolist() == [80, 15, 20]
     assert friction_plan(weak, given.limits).duration > 0
+
+
+def test_the_help_says_where_searches_of_a_budget_are_kept():
+    told = Outputs(Path("TRAJ.csv"), budget=60.0).states
+    assert told[0].name in " ".join(dynid("excite", "--help").output.split())
 
 
 def test_a_xacro_source_is_expanded_on_request(tmp_path):

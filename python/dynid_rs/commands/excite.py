@@ -178,10 +178,10 @@ def excite(
     """Design an exciting trajectory within the limits of an arm.
 
     TRAJ.csv holds t, q_i, dq_i, ddq_i; TRAJ.json the figures of merit and the exact extremes beside the limits;
-    TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches. FRICTION.csv holds legs of
-    constant speed in both directions and motions with their reversals, within the same limits. With --separate the
-    trajectory is the one that tells two effects apart best, with --after the one that decides most of what a diagnosis
-    left open; the exciting one is what it is compared with.
+    TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches, TRAJ.restarts_15s.json those of
+    15 s of a --budget. FRICTION.csv holds legs of constant speed in both directions and motions with their reversals,
+    within the same limits. With --separate the trajectory is the one that tells two effects apart best, with --after
+    the one that decides most of what a diagnosis left open; the exciting one is what it is compared with.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._excite_after import check_aims, decide, read_after
