@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from helpers.run_files import write
 from helpers.small_arm import URDF, dynid, study
-from load_coverage import held, weighed
+from load_coverage import drawn_arm, drawn_tool, held, weighed
 from numpy.testing import assert_allclose
+from threadpoolctl import threadpool_limits
 
 from dynid_rs import (
     DataError,
@@ -26,12 +27,14 @@ from dynid_rs import (
 from dynid_rs.identification.directions import directions_of
 from dynid_rs.identification.doubt import _root
 from dynid_rs.model.assembly import evaluate, with_changes
-from dynid_rs.reference import weigh_load
-from dynid_rs.simulation import simulate, typical_arm
+from dynid_rs.reference import compare, weigh_load
+from dynid_rs.simulation import Tracking, simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
 
 LITTLE, MUCH = 7.0, 40.0
 """Seconds of each of two runs: learned from, and weighed on."""
+SHIFTED = 8
+"""Seed."""
 DRAWS = (500, 503, 507, 509)
 """Without what the reference does not know, nothing on the flange was taken for something at p = 3e-5 at most on each
 of the last three, and the intervals of 10 of 40 quantities missed."""
@@ -53,6 +56,23 @@ def fitted():
     robot = RobotModel.from_urdf_string(URDF)
     runs = simulate(typical_arm(robot).rigid(), n_runs=2, duration=10.0, rate=200.0, seed=4).recordings
     return ThreeLoopIdentifier(robot, residual=None).fit(list(runs))
+
+
+def test_a_load_is_named_that_the_model_could_take_if_its_doubts_were_greater():
+    """2 kg, which shifts of parameters far beyond their errors explain almost as well."""
+    rng = np.random.default_rng([SHIFTED, True])
+    arm, tool = drawn_arm(rng, elastic=True), drawn_tool(rng)
+    loaded = replace(arm, phi=arm.phi + np.pad(tool, (len(arm.phi) - len(tool), 0)))
+    with threadpool_limits(1):
+        learned, runs = (
+            simulate(one, n_runs=2, duration=seconds, seed=2 * SHIFTED + later, tracking=Tracking()).recordings
+            for later, (one, seconds) in enumerate([(arm, 12.0), (loaded, 13.0)])
+        )
+        fit = ThreeLoopIdentifier(arm.robot, residual=None).fit(learned)
+        named = compare(fit.model_, arm.robot, runs, doubt=Doubt.of(fit)).effects
+    assert [effect["kind"] for effect in named] == ["payload"]
+    mass = named[0]["parameters"][0]["interval"]
+    assert mass[0] < tool[0] < mass[1]
 
 
 def test_a_doubt_survives_its_file(fitted):

@@ -146,6 +146,10 @@ class ChangeSearch:
         day = np.arange(DAILY * self.believed.robot.n_joints)
         return np.unique(free), np.concatenate([np.setdiff1d(day, free), self._doubted])
 
+    def day(self, held: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Of what is `held` the day-to-day freedom alone."""
+        return np.setdiff1d(held, self._doubted)
+
     def _next(self) -> Named | None:
         """Return the change that explains most, how sure it is, and what explains as much, with the belief in it."""
         weighing = self.weigh()
@@ -154,8 +158,9 @@ class ChangeSearch:
         for h in open_:
             free, held = self.split(h)
             without = self.split()
-            power = weighing.left_out_power(free, held)
-            bare = weighing.left_out_power(without[0], np.setdiff1d(without[1], h.places))
+            # What the model leaves open takes most of any change, far beyond what it may be: it tells how sure one is.
+            power = weighing.left_out_power(free, self.day(held))
+            bare = weighing.left_out_power(without[0], np.setdiff1d(self.day(without[1]), h.places))
             ratio = np.sqrt(power.sum(axis=0) / np.maximum(bare.sum(axis=0), 1e-300))
             score = -float(np.sum(np.log(np.maximum(ratio, 1e-12))))
             if score <= 0 or ratio.min() > 1 - LEAST_GAIN or ratio.max() > 1 + MOST_LOSS:

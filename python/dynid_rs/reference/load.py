@@ -16,7 +16,7 @@ from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.model.units import torque_units
 from dynid_rs.reference.change_search import ChangeSearch, wald
-from dynid_rs.reference.changes import DAILY, PAYLOAD, Believed
+from dynid_rs.reference.changes import PAYLOAD, Believed
 from dynid_rs.reference.compare import check_runs
 from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import hidden_directions, moved, physical_payload
@@ -163,8 +163,8 @@ def weigh_load(
 
 def _left(search: ChangeSearch) -> FloatArray:
     """Error (n_joints,) of what is believed, beside the friction and the offsets that differ from day to day."""
-    weighing, day = search.weigh(), np.arange(DAILY * search.believed.robot.n_joints)
-    left = weighing.left(weighing.solve(np.zeros(0, dtype=np.intp), day))
+    weighing, (_, held) = search.weigh(), search.split()
+    left = weighing.left(weighing.solve(np.zeros(0, dtype=np.intp), search.day(held)))
     return rmse(left, [states.counted for states in search.runs])
 
 
