@@ -5,13 +5,16 @@ import re
 import numpy as np
 import pytest
 from helpers.diagnosed import recorded, rigid, with_effects
+from helpers.link_models import bare_model
 from helpers.small_arm import URDF
 
 import dynid_rs as dyn
 from dynid_rs.diagnosis.estimates import _coefficients, _shape
+from dynid_rs.model.assembly import with_changes
 from dynid_rs.model.physical_result import _reason
 from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.model.units import load_unit, shape_unit
+from dynid_rs.reference.gear_loss import GearLoss
 
 SLIDE = dyn.RobotModel.from_urdf_string(URDF.replace('"revolute"', '"prismatic"', 1), tip="upper")
 
@@ -38,6 +41,14 @@ def test_drive_gains_of_slides_are_forces_per_ampere():
 
 def test_moments_of_a_load_have_a_unit_as_its_mass_has():
     assert [load_unit(unit, "kg*m") for unit in ("N*m", "A")] == ["kg*m", "kg*m A/(N*m)"]
+
+
+@pytest.mark.parametrize(("torque", "unit"), [("N*m", "kg"), ("A", "kg A/(N*m)")])
+def test_what_of_a_load_may_be_a_gear_s_loss_is_no_kilogram_in_ampere(torque, unit):
+    reference = with_changes(bare_model(SLIDE, SLIDE.phi), torque_unit=torque)
+    finding = GearLoss((0,), np.zeros(1)).finding(reference, 0.09)
+    assert f"up to 0.09 {unit} of the load may be that" in finding.message
+    assert finding.unit == unit
 
 
 def test_a_gear_loses_in_the_amperes_of_its_own_channel():

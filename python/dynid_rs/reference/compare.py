@@ -114,7 +114,7 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
         payload = next((h for h in (named.hypothesis for named in search.named) if h.kind == PAYLOAD), None)
         if loss.joints and payload is not None:
             shift = float(loss.shift[np.searchsorted(free, payload.places[0])])
-            findings.append(loss.finding(search.believed.robot.joint_names, shift))
+            findings.append(loss.finding(search.believed.reference, shift))
     believed, unseen = beliefs[-1], np.zeros(len(half), dtype=bool)
     for h in (named.hypothesis for named in search.named if named.hypothesis.kind == PAYLOAD):
         believed, notes = physical_payload(believed, weighing, h.places, free, held)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.model.gear_loss import gear_losses
+from dynid_rs.model.units import load_unit
 from dynid_rs.reference.change_search import LEAST_GAIN, ChangeSearch
 from dynid_rs.reference.weighing import Weighing
 
@@ -38,17 +39,18 @@ class GearLoss:
     joints: tuple[int, ...]
     shift: FloatArray
 
-    def finding(self, names: list[str], mass: float) -> Finding:
-        """What there is to say where `mass` [kg], the shift of a load's, is the largest part of its interval."""
+    def finding(self, reference: _core.TorqueModel, mass: float) -> Finding:
+        """What there is to say where `mass`, the shift of a load's, is the largest part of its interval."""
+        names, unit = reference.robot.joint_names, load_unit(reference.torque_unit)
         where = joint_words(*(names[j] for j in self.joints))
         return Finding(
             "gear_loss",
             "info",
             f"the gears of {where} lose torque by the way that their load takes, which the model does not know: up to "
-            f"{abs(mass):.2g} kg of the load may be that; a model that `dynid diagnose` made of the arm without it, "
-            "with gear_hysteresis among its effects, weighs it more closely",
+            f"{abs(mass):.2g} {unit} of the load may be that; a model that `dynid diagnose` made of the arm without "
+            "it, with gear_hysteresis among its effects, weighs it more closely",
             value=abs(mass),
-            unit="kg",
+            unit=unit,
         )
 
 

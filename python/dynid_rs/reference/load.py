@@ -155,7 +155,7 @@ def weigh_load(
             )
         )
     if loss.joints:
-        findings.append(loss.finding(reference.robot.joint_names, float(shift[0])))
+        findings.append(loss.finding(reference, float(shift[0])))
     findings += _misfit(reference, alone, size)
     p_value = wald(estimate, covariance, np.ones(len(estimate), dtype=bool), shift)
     return Load(float(value[0]), value[1:4], value[4:], intervals, p_value, before, after, findings)
