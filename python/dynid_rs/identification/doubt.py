@@ -52,7 +52,7 @@ class Doubt:
 
         Raises
         ------
-        NotFittedError
+        ValueError
             The identifier is not fitted.
         """
         covariance = identifier.parameter_covariance()
