@@ -117,9 +117,8 @@ def look(
     found.notes += told(found.runs)
     signals = found.runs[0].columns.signals
     if "tau" in signals and found.rules.drive_gain is not None:
-        found.rules = replace(
-            found.rules, drive_gain=None
-        )  # for currents alone: other commands refuse it beside torque
+        # For currents alone: other commands refuse it beside torque.
+        found.rules = replace(found.rules, drive_gain=None)
     if "current" in signals and "tau" not in signals and found.rules.drive_gain is None:
         found.notes.append(f"{shown(signals['current'][0])}, ... are {CURRENTS}")
     found.notes = list(dict.fromkeys(found.notes))

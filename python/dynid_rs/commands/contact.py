@@ -121,14 +121,10 @@ def contact(
                 observer.fit(good)
             if observer.uncertainty_ is None:
                 seconds = sum(run.duration for run in good)
-                without = (
-                    ""
-                    if save is not None
-                    else (", or leave --healthy out: thresholds then follow from what the model expects")
-                )
+                without = ", or leave --healthy out: thresholds then follow from what the model expects"
                 raise ValueError(
                     f"{seconds:.0f} s of healthy runs are too few to say how often a threshold is passed; name runs of "
-                    f"two minutes in all{without}"
+                    f"two minutes in all{without if save is None else ''}"
                 )
         if save is not None:
             observer.save(save)

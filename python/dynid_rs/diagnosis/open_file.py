@@ -20,6 +20,7 @@ from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.json_file import read_json
 from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.base.symmetric import DIGITS, packed, unpacked
 from dynid_rs.diagnosis.any_function import MOST_WAVES
 from dynid_rs.diagnosis.candidates import Candidate, width_of
 from dynid_rs.diagnosis.open_questions import Answer, OpenQuestions, Question
@@ -39,7 +40,6 @@ OPEN_FILE = "open.json"
 FORMAT, VERSION = "dynid-open", 4
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
-DIGITS = 9
 SAME_GRAVITY = 1e-6
 """Difference [m/s^2] that is rounding."""
 NEAR, FAR = 1e-9, 1e9
@@ -108,11 +108,8 @@ def checksum_of(content: dict[str, Any]) -> str:
 
 
 def _precision(precision: FloatArray) -> dict[str, Any]:
-    scale = np.sqrt(np.maximum(np.diag(precision), 0.0))
-    unit = np.where(scale > 0, scale, 1.0)
-    alike = precision / np.outer(unit, unit)
-    upper = [float(f"{x:.{DIGITS}g}") for x in alike[np.triu_indices(len(alike))].tolist()]
-    return {"scale": scale.tolist(), "upper": upper}
+    scale, upper = packed(precision)
+    return {"scale": scale, "upper": upper}
 
 
 def _answer(answer: Answer) -> dict[str, Any]:
@@ -266,11 +263,7 @@ class _Reader:
             self.refuse(f"{n} unknowns are more than {LARGEST}")
         scale = self.array(content[name]["scale"], f"{name}.scale", (n,))
         upper = self.array(content[name]["upper"], f"{name}.upper", (n * (n + 1) // 2,))
-        alike = np.zeros((n, n))
-        alike[np.triu_indices(n)] = upper
-        alike = alike + np.triu(alike, 1).T
-        precision: FloatArray = alike * np.outer(scale, scale)
-        return precision
+        return unpacked(scale, upper)
 
     def candidate(self, entry: dict[str, Any], n_declared: int) -> Candidate:
         if entry["kind"] == UNKNOWN:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.symmetric import packed, unpacked
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.regression.columns import Plan
@@ -22,8 +23,6 @@ from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
-DIGITS = 9
-"""Of a correlation: what parameters say together is known far better than each of them."""
 LARGEST = 2000
 """Unknowns that are read at most."""
 
@@ -61,14 +60,12 @@ class Doubt:
 
     def to_json(self) -> dict[str, Any]:
         """As `covariance` of a `result.json`."""
-        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        unit = np.where(std > 0, std, 1.0)
-        alike = (self.covariance / np.outer(unit, unit))[np.triu_indices(len(std), 1)]
+        std, correlation = packed(self.covariance)
         return {
             "pivots": self.pivots.tolist(),
             "columns": list(self.widths),
-            "std_error": std.tolist(),
-            "correlation": [float(f"{x:.{DIGITS}g}") for x in alike.tolist()],
+            "std_error": std,
+            "correlation": correlation,
         }
 
     @staticmethod
@@ -89,7 +86,7 @@ class Doubt:
                 and ((pivots >= 0) & (pivots < size)).all()
                 and widths == tuple(effect.n_columns for effect, _ in fitted)
                 and n == len(pivots) + model.robot.n_joints * sum(widths) <= LARGEST
-                and upper.shape == (n * (n - 1) // 2,)
+                and upper.shape == (n * (n + 1) // 2,)
                 and np.isfinite(std).all()
                 and (std >= 0).all()
                 and (np.abs(upper) <= 1 + 1e-6).all()
@@ -101,9 +98,7 @@ class Doubt:
                 "`covariance` is damaged, or of another model; write both again with `dynid identify`",
                 code="wrong_reference",
             )
-        alike = np.eye(n)
-        alike[np.triu_indices(n, 1)] = upper
-        return Doubt(pivots.astype(np.int64), widths, (alike + np.triu(alike, 1).T) * np.outer(std, std))
+        return Doubt(pivots.astype(np.int64), widths, unpacked(std, upper))
 
     def plan(self, model: _core.TorqueModel) -> Plan:
         """What the unknowns are, of `model`, whose doubt it is."""
@@ -129,18 +124,16 @@ class Doubt:
 
     def _own_columns(self, model: _core.TorqueModel, states: States) -> FloatArray:
         """Torque per unit of every own coefficient, (n_samples, n_joints, sum(widths)): effect by effect."""
-        parts = []
-        for k, width in enumerate(self.widths):
-            for c in range(width):
-                # Alone among the others as they are: what saturates is the cube of all their torque.
-                effects = model.effects
-                alone = np.zeros(effects[k][1].shape)
-                alone[:, c] = 1.0
-                effects[k] = (effects[k][0], alone)
-                parts.append(evaluate(with_changes(model, effects=effects), states)[1][:, 1 + k])
-        columns = np.zeros((len(states.t), model.robot.n_joints, len(parts)))
-        for c, part in enumerate(parts):
-            columns[:, :, c] = part
+        columns = np.zeros((len(states.t), model.robot.n_joints, sum(self.widths)))
+        places = [(k, c) for k, width in enumerate(self.widths) for c in range(width)]
+        for place, (k, c) in enumerate(places):
+            # Alone among the others as they are: what saturates is the cube of all their torque.
+            effects = model.effects
+            effect, values = effects[k]
+            alone = np.zeros(values.shape)
+            alone[:, c] = 1.0
+            effects[k] = (effect, alone)
+            columns[:, :, place] = evaluate(with_changes(model, effects=effects), states)[1][:, 1 + k]
         return columns
 
 

@@ -131,6 +131,7 @@ def _summarise(
 ) -> dict[str, Any]:
     robot = identifier.robot
     train_states, test_states = [run.states for run in train], [run.states for run in test]
+    doubt = Doubt.of(identifier)
     tested = Scores([run.comparison for run in test])
     baseline = score(identifier.baseline_, test_states)
     whole = [run.states.band.apply(run.states.tau - run.total, run.states.rate)[run.states.grid] for run in test]
@@ -186,9 +187,10 @@ def _summarise(
         "unexplained": [],
         "residual": _residual(identifier, test_states, tested),
         "encoder_delay": _encoder_delay(identifier),
-        "parameters": _parameters(identifier),
+        "parameters": _parameters(identifier, doubt.covariance),
         "base_parameters": _base(identifier),
-        "covariance": _covariance(identifier),
+        # Of a model that is not the one that was fitted nothing is known.
+        "covariance": doubt.to_json() if doubt.is_of(identifier.model_, identifier.links_.phi_base_) else None,
         "history": [
             {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
             for k, after in enumerate(identifier.history_)
@@ -327,10 +329,9 @@ def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
     }
 
 
-def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
+def _parameters(identifier: ThreeLoopIdentifier, covariance: FloatArray) -> dict[str, Any]:
     plan = identifier.observations_.plan
     robot, links = identifier.robot, identifier.links_
-    covariance = identifier.parameter_covariance()
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     units = {"m": "kg", "h": "kg*m", "I": "kg*m^2"}
     current = "" if identifier.torque_unit_ == "N*m" else "*A/(N*m)"
@@ -364,12 +365,6 @@ def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         for j in range(robot.n_joints)
     ]
     return {"base": base, "joint": joint, "friction_shape": shapes}
-
-
-def _covariance(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
-    """How well the model's parameters are known; None of a model that is not the one that was fitted."""
-    doubt = Doubt.of(identifier)
-    return doubt.to_json() if doubt.is_of(identifier.model_, identifier.links_.phi_base_) else None
 
 
 def base_names(plan: Plan) -> list[str]:
