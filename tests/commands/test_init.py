@@ -126,6 +126,32 @@ def test_motors_own_turns_and_velocities_in_other_units(tmp_path):
     assert written["units"] == {"velocity": "deg/s"}
 
 
+@pytest.mark.parametrize("names", [("q_motor_{}", "dq_motor_{}"), ("motor_pos_{}", "motor_vel_{}")])
+def test_a_log_of_the_motors_alone(tmp_path, names):
+    """Their positions and velocities are the links'; by their usual names they were refused as q and q_motor in one."""
+    robot, columns = write_robot(tmp_path), run(0, velocity=True)
+    renamed = {"q": names[0], "dq": names[1], "tau": "tau_{}"}
+    log = {"t": columns["t"]}
+    log |= {new.format(j): columns[f"{old}_{j}"] for old, new in renamed.items() for j in range(3)}
+    path = write_csv(tmp_path / "run.csv", log)
+    _, written = init(tmp_path, robot, path)
+    q, dq = (name.replace("{}", "{i}") for name in names)
+    not_read = {"q_motor": False, "dq_motor": False}
+    assert written["columns"] == {"t": "t", "q": q, "dq": dq, "tau": "tau_{i}"} | not_read
+    recording = read_run(path, RobotModel.from_urdf(robot), read_config(tmp_path / "dynid.toml")).recording
+    np.testing.assert_array_equal(recording.q[:, 1], columns["q_1"])
+    np.testing.assert_array_equal(recording.dq[:, 1], columns["dq_1"])
+
+
+def test_what_is_not_to_be_read_stays_so(tmp_path):
+    """A velocity that is known to be a controller's: it was read again by the file that was written."""
+    known = tmp_path / "known.toml"
+    known.write_text("[columns]\ndq = false\n")
+    path = write_csv(tmp_path / "run.csv", run(0, velocity=True))
+    _, written = init(tmp_path, write_robot(tmp_path), path, "--config", known)
+    assert written["columns"] == {"t": "t", "q": "q_{i}", "tau": "tau_{i}", "dq": False}
+
+
 def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
     from dynid_rs.commands import init as command
     from dynid_rs.commands._init_look import look

@@ -52,8 +52,10 @@ def _columns(robot: Any, found: Look) -> Iterator[str]:
     rows = [("t", quoted(found.runs[0].columns.time))]
     for signal, names in signals.items():
         rows.append((signal, rule_text(names, list(robot.joint_names), ignored)))
+    denied = [signal for signal, rule in found.runs[0].rules.columns.items() if rule is None and signal not in signals]
     if "current" in signals and "tau" not in signals:
-        rows.append(("tau", "false"))
+        denied.append("tau")
+    rows += [(signal, "false") for signal in dict.fromkeys(denied)]
     means = {key.name: key.means for key in KEYS if key.table == "columns"}
     for signal, value in rows:
         yield f"{signal} = {value}  # {means[signal]}"

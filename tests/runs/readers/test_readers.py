@@ -765,6 +765,20 @@ def test_config_motor_torque_and_signs(tmp_path):
     assert rec.dq is None
 
 
+def test_config_of_the_motors_own_turns_where_their_encoder_is_the_only_one(tmp_path):
+    columns = valid_columns()
+    turns = {"t": columns["t"]}
+    for j, ratio in enumerate((50, 100, 150)):
+        turns |= {f"motor_{j}": ratio * columns[f"q_{j}"], f"tau_{j}": columns[f"tau_{j}"] / ratio}
+    text = '[columns]\nq = "motor_{i}"\n[gear]\nratio = [50, 100, 150]\napply_to = ["q", "dq", "tau"]'
+    path = write_csv(tmp_path / "run.csv", turns)
+    rec = read_recording(path, JOINTS, read_config(config_file(tmp_path, text)))
+    for j in range(3):
+        np.testing.assert_allclose(rec.q[:, j], columns[f"q_{j}"], rtol=1e-14)
+        np.testing.assert_allclose(rec.tau[:, j], columns[f"tau_{j}"], rtol=1e-14)
+    assert rec.q_motor is None
+
+
 def test_empty_config_changes_nothing(tmp_path):
     path = write_csv(tmp_path / "run.csv", valid_columns())
     rec = read_recording(path, JOINTS, read_config(config_file(tmp_path, "# nothing\n")))
@@ -795,7 +809,7 @@ CONFIG_FAULTS = {
     "gain_huge": ("[drive]\ngain = 1" + "0" * 400, r"\[drive\] gain"),
     "gain_zero": ("[drive]\ngain = [1, 0]", r"\[drive\] gain: must be positive"),
     "ratio_negative": ("[gear]\nratio = -100", r"\[gear\] ratio: must be positive.*\[signs\]"),
-    "apply_other": ('[gear]\nratio = 3\napply_to = ["q"]', r"\[gear\] apply_to: must be a list of"),
+    "apply_other": ('[gear]\nratio = 3\napply_to = ["current"]', r"\[gear\] apply_to: must be a list of"),
     "sign": ("[signs]\nq = [1, 2]", r"\[signs\] q: must be 1 or -1"),
     "deep": ("a = " + "[" * 5000 + "]" * 5000, "is not valid TOML|not known"),
 }

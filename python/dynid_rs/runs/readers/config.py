@@ -18,8 +18,8 @@ gain = [14.9, 13.3]                # N m/A at the joint: currents become torques
 
 [gear]
 ratio = [101.0, 101.0]             # motor turns per joint turn; left out: those of the robot's file
-apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau; left out: all
-                                   # but tau, where ratio is given
+apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau, and q, dq, ddq
+                                   # of an only encoder; left out where ratio is given: q_motor, dq_motor, ddq_motor
 
 [motor]
 rotor_inertia = [1.2, 0.9]         # kg m^2 on the link side: the rotor's own times the gear ratio squared
@@ -75,7 +75,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 MOTOR_SIDE = ("q_motor", "dq_motor", "ddq_motor")
 """Signals that a gear ratio alone is applied to."""
-GEARED = (*MOTOR_SIDE, "tau")
+GEARED = ("q", "dq", "ddq", *MOTOR_SIDE, "tau")
+"""Signals that may be of the motor side: positions called `q` are, where the motor's encoder is the only one."""
 SIGNED = ("q", "q_motor", "tau")
 
 PerJoint = tuple[float, ...]

@@ -72,10 +72,8 @@ class _Converter:
         if self.config.gear_ratio is not None:
             ratio = self.per_joint(self.config.gear_ratio, "[gear] ratio")
             applies = self.config.gear_apply_to
-            if signal in ("q_motor", "dq_motor", "ddq_motor") and signal in applies:
-                scale = scale / ratio
-            if signal == "tau" and signal in applies:
-                scale = scale * ratio
+            if signal in applies:
+                scale = scale * ratio if signal == "tau" else scale / ratio
         return scale
 
 

@@ -99,8 +99,14 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
         options["q"] = [(0, plain[0])]
         nameless.remove(plain[0])
     elif "q" not in options and "q_motor" in options:
-        options["q"] = options.pop("q_motor")
-        found.doubts.append("the only positions are the motors': they are read as those of the links")
+        for link, motor in (("q", "q_motor"), ("dq", "dq_motor")):
+            if link not in options and motor in options:
+                options[link] = options.pop(motor)
+                found.columns[motor] = None  # its usual names would take these columns once more
+        found.doubts.append(
+            "the only positions are the motors': they are read as those of the links; if they are the motors' own "
+            'turns, give [gear] ratio, and apply_to = ["q", "dq"]'
+        )
     named = [family for family in nameless if "name" in words_of(family.form)]
     for family in named:
         found.questions.append(

@@ -86,7 +86,8 @@ KEYS: tuple[Key, ...] = (
         "gear",
         "apply_to",
         "signals",
-        f"which of {', '.join(GEARED)} are on the motor side; left out beside `ratio`: {', '.join(MOTOR_SIDE)}",
+        f"which of {', '.join(GEARED)} are on the motor side (q: where the motor's encoder is the only one); "
+        f"left out beside `ratio`: {', '.join(MOTOR_SIDE)}",
         '["q_motor"]',
     ),
     Key("drive", "gain", "positive", "N m/A at the joint: currents become torques", "[14.9, 13.3]"),
