@@ -503,6 +503,17 @@ def test_errors_that_no_effect_explains():
     assert codes_of(robot, {"a": 0.1}) == []
 
 
+@pytest.mark.parametrize(("lifted", "lost"), [(2.0, False), (6.0, True)])
+def test_the_weight_of_a_load_is_held_against_all_of_the_torque(lifted, lost):
+    """A slide that lifts 5 N of its own: a load of 2 N is twice what the torque varies by, and no wrong unit."""
+    from dynid_rs import RobotModel
+
+    run = comparison("a", 0.1, 0)
+    with_load = replace(run, measured=run.measured + 5.0, predicted=run.predicted + 5.0 - lifted)
+    found = implausible(RobotModel.from_urdf(study().robot), [with_load])
+    assert [f.code for f in found] == (["residual_exceeds_torque"] if lost else [])
+
+
 # Words
 
 

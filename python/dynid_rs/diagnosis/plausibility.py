@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding, joint_words
-from dynid_rs.regression.evaluation import Comparison, band_rmse, torque_std
+from dynid_rs.regression.evaluation import Comparison, band_rmse, share_left, torque_std
 
 UNLIKE = 5.0
 """A run whose error is this many times that of the other runs, on most joints, is another robot or another unit."""
@@ -37,19 +37,20 @@ def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> l
 
 def lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
     """Return `residual_exceeds_torque` (error) if the model leaves as much as a joint's torque."""
-    left, size = band_rmse(comparisons), torque_std(comparisons)
-    lost = np.flatnonzero((size > 0) & (left >= size))
+    share = share_left(comparisons)
+    lost = np.flatnonzero(share >= 1)
     if not len(lost):
         return []
-    worst = int(lost[np.argmax(left[lost] / size[lost])])
+    worst = int(np.argmax(share))
     names = joint_words(*(robot.joint_names[j] for j in lost))
     message = (
-        f"on {names} the model leaves as much as the torque itself ({left[worst]:.3g} of {size[worst]:.3g} on "
+        f"on {names} the model leaves as much as the torque itself ({share[worst]:.3g} times as much on "
         f"{robot.joint_names[worst]}); that is no missing effect: check units and signs of the torque, the order of "
         "the joints and the robot file (`dynid inspect --robot`)"
     )
-    ratio = float(left[worst] / size[worst])
-    return [Finding("residual_exceeds_torque", "error", message, column=f"tau_{worst}", value=ratio, unit="1")]
+    return [
+        Finding("residual_exceeds_torque", "error", message, column=f"tau_{worst}", value=float(share[worst]), unit="1")
+    ]
 
 
 def _odd_runs(comparisons: Sequence[Comparison]) -> list[Finding]:

@@ -70,11 +70,30 @@ def raw_rmse(comparisons: Sequence[Comparison]) -> FloatArray:
 
 def torque_std(comparisons: Sequence[Comparison]) -> FloatArray:
     """Standard deviation of the measured torque where it is scored, (n_joints,)."""
-    measured = np.concatenate([c.measured for c in comparisons])
+    return _deviation([c.measured for c in comparisons], comparisons)
+
+
+def share_left(comparisons: Sequence[Comparison]) -> FloatArray:
+    """What the model leaves of the torque, (n_joints,): the larger of the shares with and without what is constant.
+
+    The weight of a load that a sliding joint lifts is constant: large beside how much the torque varies, and small
+    beside the torque. 0 for a joint without torque.
+    """
+    counted = [c.states.counted for c in comparisons]
+    errors, measured = [c.error for c in comparisons], [c.measured for c in comparisons]
+    left = np.array([rmse(errors, counted), _deviation(errors, comparisons)])
+    size = np.array([rmse(measured, counted), _deviation(measured, comparisons)])
+    result: FloatArray = np.max(np.divide(left, size, out=np.zeros_like(left), where=size > 0), axis=0)
+    return result
+
+
+def _deviation(parts: Sequence[FloatArray], comparisons: Sequence[Comparison]) -> FloatArray:
+    """Standard deviation where it is scored, (n_joints,)."""
+    values = np.concatenate(list(parts))
     counted = np.concatenate([c.states.counted for c in comparisons])
     n = np.maximum(counted.sum(axis=0), 1)
-    mean = np.sum(measured, axis=0, where=counted) / n
-    result: FloatArray = np.sqrt(np.sum((measured - mean) ** 2, axis=0, where=counted) / n)
+    mean = np.sum(values, axis=0, where=counted) / n
+    result: FloatArray = np.sqrt(np.sum((values - mean) ** 2, axis=0, where=counted) / n)
     return result
 
 
