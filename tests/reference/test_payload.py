@@ -311,6 +311,10 @@ def test_a_flange_is_found_behind_any_base_and_in_no_table_or_other_arm(place, t
     table.write_text("")
     with pytest.raises(ValueError, match=r"names no link that is fixed to hand; leave --flange and --robot out"):
         _frame(whole, table, "flange")
+    source = tmp_path / "arm.xacro"
+    source.write_text(robot.read_text())
+    with pytest.raises(ValueError, match=r"arm.xacro: is a xacro source; expand it first: xacro in.xacro > out.urdf, "):
+        _frame(whole, source, "flange")  # this command has no --xacro to ask for
     other = tmp_path / "other.urdf"
     other.write_text(robot.read_text().replace(f'"{whole.joint_names[0]}"', '"another"'))
     with pytest.raises(ValueError, match=r"other.urdf: the chain to hand is not the model's"):

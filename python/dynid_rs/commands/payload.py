@@ -98,7 +98,7 @@ def _of_the_model(result: dict[str, Any] | None) -> list[Finding]:
 
 def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:
     """Rotation and translation of the flange in the model's last link; None for that link's own frame."""
-    from dynid_rs.model.robot_file import read_robot
+    from dynid_rs.model.robot_file import XACRO, read_robot
 
     if flange is None and robot is None:
         return None
@@ -110,6 +110,8 @@ def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:
             f"{robot}: a robot.toml names no link that is fixed to {last}; leave --flange and --robot out, and the "
             "answer is in that link's frame"
         )
+    if robot.suffix.lower() == XACRO:
+        raise ValueError(f"{robot}: is a xacro source; expand it first: xacro in.xacro > out.urdf, and name that file")
     chain = read_robot(robot, tip=last)
     # Whoever identified a chain that begins further on chose a base.
     if chain.joint_names[-model.n_joints :] != model.joint_names:
