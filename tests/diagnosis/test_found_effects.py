@@ -37,8 +37,22 @@ STRIBECK = {
 TIE = {"kind": "friction_hysteresis", "joints": ["elbow"], "separate": "dynid excite ROBOT --separate ..."}
 
 
+COUPLED = [
+    {"name": "coupled_friction", "value": 2.0, "unit": "N*m", "interval": [1.0, 3.0], "joint": "elbow"},
+    {"name": "coupled_friction", "value": 4.0, "unit": "N*m", "interval": None, "joint": "wrist"},
+    {"name": "ratio", "value": 1.0, "unit": "1", "interval": None},
+]
+
+
 def effect(**changes) -> FoundEffect:
     return FoundEffect.of(STRIBECK | changes, JOINTS)
+
+
+def test_numbers_of_two_joints_say_whose_they_are():
+    shared = effect(kind="coupled_friction", joints=["elbow", "wrist"], parameters=COUPLED)
+    numbers = "coupled_friction of elbow 2.00 N*m (1.00 to 3.00), coupled_friction of wrist 4.00 N*m, ratio 1.00"
+    assert str(shared) == f"coupled friction on elbow and wrist: {numbers}"
+    assert "stribeck_pos 1.23 N*m" in str(effect())
 
 
 @functools.cache

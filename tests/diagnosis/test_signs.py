@@ -45,6 +45,7 @@ def test_a_silent_joint_has_nothing_of_the_effect_and_says_so():
     known = estimates(silent)["coupled_friction", (ELBOW, WRIST)]
     assert [(one.value, one.interval) for one in known if one.joint == ELBOW and one.unit != "1"] == [(0.0, None)] * 2
     assert all(one.interval is not None for one in known if one.joint == WRIST)
+    assert [one.name for one in known if one.joint is None] == ["ratio"]  # of the stage, which turns with both
 
 
 def test_laws_of_one_joint_are_as_they_were():

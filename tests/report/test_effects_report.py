@@ -83,6 +83,17 @@ def test_what_the_torque_channel_does_is_drawn_from_the_residuals(tmp_path: Path
     np.testing.assert_allclose(high - low, 0.01 * np.abs(x), rtol=1e-4, atol=1e-6)
 
 
+def test_points_of_a_delay_of_all_joints_are_of_one_joint_alone(tmp_path: Path) -> None:
+    result = make_diagnosis(3)
+    drawn = {**made_diagnosis.plot("tau_rate_joint_1"), "joint": "joint_1"}
+    result["effects"] = [made_diagnosis.entry("torque_delay", result["joints"], [2.0] * 3, [1.0] * 3, plot=drawn)]
+    _, page = page_of(tmp_path, result)
+    assert "Drawn on joint_1, which shows most of it." in page.text
+    result["effects"][0]["kind"] = "gravity_tilt"
+    _, page = page_of(tmp_path, result)
+    assert "the other joints\u2019 angles count too" in page.text
+
+
 def test_small_angles_are_drawn_in_thousandths(tmp_path: Path) -> None:
     result = make_diagnosis(2)
     plot = result["effects"][0]["plot"]

@@ -47,7 +47,7 @@ def effect_entries(
         entry: dict[str, Any] = {
             "kind": kind,
             "joints": [names[j] for j in joints],
-            "parameters": [_parameter(estimate, found) for estimate in known[place]],
+            "parameters": [_parameter(estimate, place, found) for estimate in known[place]],
             "p_value": p_value(named.log_odds),
             "evidence": named.log_odds,
             **errors.without(effect),
@@ -99,13 +99,14 @@ def _where(place: Place, names: Sequence[str]) -> dict[str, Any]:
     return {"kind": place[0], "joints": [names[j] for j in place[1]]}
 
 
-def _parameter(estimate: Estimate, found: Belief) -> dict[str, Any]:
-    robot = found.setup.robot
+def _parameter(estimate: Estimate, place: Place, found: Belief) -> dict[str, Any]:
+    robot, j = found.setup.robot, estimate.joint
+    own = {} if j is None else {"joint": robot.joint_names[j]}
     return {
         "name": estimate.name,
-        "joint": robot.joint_names[estimate.joint],
+        **own,
         "value": estimate.value,
-        "unit": filled(estimate.unit, found.fit.torque_unit_, robot.joint_kinds[estimate.joint]),
+        "unit": filled(estimate.unit, found.fit.torque_unit_, robot.joint_kinds[place[1][0] if j is None else j]),
         "interval": None if estimate.interval is None else list(estimate.interval),
     }
 

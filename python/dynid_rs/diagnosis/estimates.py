@@ -41,10 +41,13 @@ UNKNOWN = float(np.log(10.0))
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number of an effect: value and 95 % `interval`, None where it is not known; `joint` that it belongs to."""
+    """One number of an effect: value and 95 % `interval`, None where it is not known.
+
+    `joint` that it belongs to; None where it is one number of all joints that the effect acts on.
+    """
 
     name: str
-    joint: int
+    joint: int | None
     value: float
     interval: tuple[float, float] | None
     unit: str
@@ -74,7 +77,7 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
         values = value_of(setup, h.kind, h.joints)
         halves = NORMAL_95 * _spread_of_value(setup, h, std[at : at + len(h.unit)] * h.unit)
         known[h.place] = [
-            Estimate(name, h.joints[0], float(value), (float(value - half), float(value + half)), unit)
+            Estimate(name, _only(h.joints), float(value), (float(value - half), float(value + half)), unit)
             for name, value, unit, half in zip(h.names, values, h.units, halves, strict=False)
         ]
         at += len(h.unit)
@@ -201,7 +204,7 @@ def _chosen(effect: PlacedEffect) -> list[Estimate]:
     held = [p for p in CATALOGUE[effect.kind]["shape"] if p not in searched(effect.kind)]
     few = [p for p in held if p["unit"] == CYCLES or p["relative_to"] == "chain"]
     j = effect.joints[0]
-    return [Estimate(p["name"], j, effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few]
+    return [Estimate(p["name"], _only(effect.joints), effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few]
 
 
 def _shape(effect: PlacedEffect, name: str, std: float, shown: FloatArray) -> Estimate:
@@ -219,7 +222,12 @@ def _shape(effect: PlacedEffect, name: str, std: float, shown: FloatArray) -> Es
             value * shown[j],
             None if interval is None else (interval[0] * shown[j], interval[1] * shown[j]),
         )
-    return Estimate(name, j, float(value), interval, parameter["unit"])
+    return Estimate(name, _only(effect.joints), float(value), interval, parameter["unit"])
+
+
+def _only(joints: Sequence[int]) -> int | None:
+    """The joint of a number that an effect has once; none where it acts on several."""
+    return joints[0] if len(joints) == 1 else None
 
 
 def _gain(fit: ThreeLoopIdentifier, j: int, std: FloatArray) -> Estimate:

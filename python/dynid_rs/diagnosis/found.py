@@ -20,7 +20,7 @@ Interval = tuple[float, float]
 class Number:
     """One number of an effect: value in `unit`, 95 % `interval` (None where it is not known), the joint it belongs to.
 
-    `joint` is None where the effect has one place only.
+    `joint` is None where it is one number of the whole effect, or the effect has one place only.
     """
 
     name: str

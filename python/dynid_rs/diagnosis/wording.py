@@ -86,18 +86,20 @@ def effect_words(entry: Result, joints: Sequence[str], *, intervals: bool = Fals
     """
     numbers_of = entry.get("parameters") or () if kinds_said(entry) else ()
     said = [number for number in numbers_of if number["name"] != "side"]  # by the neighbour's name
-    numbers = ", ".join(number_words(number, interval=intervals) for number in said)
+    several = len({number.get("joint") for number in said} - {None}) > 1
+    numbers = ", ".join(number_words(number, interval=intervals, of_joint=several) for number in said)
     under = under_words(entry, joints)
     depends = "" if kinds_said(entry) else _depends(entry)
     return named(entry, joints) + depends + (f" {under}" if under else "") + (f": {numbers}" if numbers else "")
 
 
-def number_words(number: Result, *, interval: bool = False) -> str:
-    """A number of an effect with its unit, and its 95 % interval where that is asked for and known."""
+def number_words(number: Result, *, interval: bool = False, of_joint: bool = False) -> str:
+    """A number of an effect with its unit, and its joint and its 95 % interval where they are asked for and known."""
+    of = f" of {number['joint']}" if of_joint and number.get("joint") else ""
     unit = f" {plain_unit(number['unit'])}".rstrip()
     bounds = number.get("interval") if interval else None
     span = "" if bounds is None else f" ({interval_said(bounds)})"
-    return f"{number['name']} {significant(number['value'])}{unit}{span}"
+    return f"{number['name']}{of} {significant(number['value'])}{unit}{span}"
 
 
 def tie_words(tie: Result, joints: Sequence[str]) -> str:

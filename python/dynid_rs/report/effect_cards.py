@@ -102,7 +102,8 @@ def _shown_on(entry: Result) -> str:
     joint = entry["plot"].get("joint")
     if joint is None or entry["joints"] == [joint] or len(entry["joints"]) == 2:
         return ""
-    also = "" if entry["kind"] == "encoder_delay" else "; the other joints\u2019 angles count too, so points scatter"
+    own = entry["kind"] in ("encoder_delay", "torque_delay")  # of which every joint's curve is its own
+    also = "" if own else "; the other joints\u2019 angles count too, so points scatter"
     return f'<p class="note">Drawn on {breakable(joint)}, which shows most of it{also}.</p>'
 
 

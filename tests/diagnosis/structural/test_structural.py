@@ -62,6 +62,7 @@ def test_another_mounting_is_named_and_the_error_is_that_of_an_arm_that_was_told
     _, oracle_error = errors(replace(found, after=oracle, setup=Setup(told)), runs[2:])
     assert np.all(after < 1.3 * oracle_error)
     assert before[1] > 5 * after[1]
+    assert not [number for number in entry_of(found, "gravity_tilt")["parameters"] if "joint" in number]  # of no joint
     plot = entry_of(found, "gravity_tilt")["plot"]
     assert (plot["signal"], plot["unit"], plot["quantity"]) == (f"q_{plot['joint']}", "rad", "torque")
     size = np.ptp(plot["curve"])
