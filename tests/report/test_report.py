@@ -312,6 +312,8 @@ def test_numbers_units_and_words(folder: Path) -> None:
     assert "c.parquet" in text
     assert "It pays on joint_0 and is part of the model there" in text
     assert "2.90" in text  # encoder delay, ms
+    assert "Samples12 000 train, 4 000 test" in text
+    assert "Of these at standstill300 train, 120 test, neither fitted nor scored" in text
     assert "12 ms late" in text
     assert text.index("12 ms late") < text.index("jitter")
     assert "NaN" not in text

@@ -188,12 +188,12 @@ def provenance(source: Source) -> str:
     found = result["data"]
     samples, dropped = found.get("n_samples") or {}, found.get("n_dropped") or {}
     facts = [("Training runs", file_names(found["train"])), ("Test runs", file_names(found["test"]))]
-    facts.append(("Samples used", f"{count(samples.get('train'))} train, {count(samples.get('test'))} test"))
+    facts.append(("Samples", f"{count(samples.get('train'))} train, {count(samples.get('test'))} test"))
     if dropped:
         facts.append(
             (
-                "Rows dropped",
-                f"{count(dropped.get('train'))} train, {count(dropped.get('test'))} test (ends of runs, gaps)",
+                "Of these at standstill",
+                f"{count(dropped.get('train'))} train, {count(dropped.get('test'))} test, neither fitted nor scored",
             )
         )
     if found.get("rate_hz") is not None:
