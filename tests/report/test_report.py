@@ -315,6 +315,7 @@ def test_numbers_units_and_words(folder: Path) -> None:
     assert "Samples12 000 train, 4 000 test" in text
     assert "Of these at standstill300 train, 120 test, neither fitted nor scored" in text
     assert "12 ms late" in text
+    assert "rows 1 to 4 000" in text  # counted from 1, as in sentences
     assert text.index("12 ms late") < text.index("jitter")
     assert "NaN" not in text
     assert "None" not in text

@@ -138,8 +138,9 @@ def findings_table(findings: Sequence[Result]) -> str:
         severity = f["severity"] if f["severity"] in order else "warning"
         place = [f.get("file"), f.get("column")]
         span = f.get("rows") or []
-        if len(span) == 2:
-            place.append(f"rows {count(span[0])} to {count(span[1])}")
+        if len(span) == 2:  # half-open from 0; people count from 1, as the sentence does
+            first, last = count(span[0] + 1), count(span[1])
+            place.append(f"row {last}" if first == last else f"rows {first} to {last}")
         size = "" if f.get("value") is None else with_unit(significant(f["value"]), f.get("unit"))
         rows.append(
             [
