@@ -147,6 +147,19 @@ def test_what_an_effect_brings_is_said_in_words(tmp_path: Path, alone: bool) -> 
     assert ("all coefficients are fitted again" in page.text) == alone
 
 
+def test_names_of_one_fit_have_one_number(tmp_path: Path) -> None:
+    """Each of them was said to bring alone what all of them bring."""
+    result = make_diagnosis(2)
+    first, second = result["steps"]
+    result["steps"] = [first, second, {**first, "rmse_train": [0.1, 0.2]}]
+    source, page = page_of(tmp_path, result)
+    rows = re.findall(r'<th scope="row">(\d)</th><td class="text">', source)
+    assert rows == ["1", "1", "2"]
+    assert "What was added or dropped at once has one number, and one fit behind it." in page.text
+    result["steps"] = [first]
+    assert "at once has one number" not in page_of(tmp_path, result)[1].text
+
+
 @pytest.mark.parametrize(("left", "said"), [(3.0, True), (1.0, False)])
 def test_what_is_above_the_noise_without_a_pattern_is_said(tmp_path: Path, left: float, said: bool) -> None:
     result = make_diagnosis(2)

@@ -76,14 +76,16 @@ def next_experiment(result: Result) -> str:
 
 
 def steps(result: Result) -> str:
-    """What was added and dropped, in order."""
-    rows = []
-    for k, step in enumerate(result.get("steps") or [], 1):
+    """What was added and dropped, in order; what one fit was made after has one number."""
+    rows, number, before = [], 0, None
+    for step in result.get("steps") or []:
         error = step.get("rmse_train")
+        number += error is None or error != before
+        before = error
         what = f"{step['action']} {words(step['kind'])}" if step.get("kind") else step["action"]
         rows.append(
             [
-                f'<th scope="row">{k}</th>',
+                f'<th scope="row">{number}</th>',
                 tables.cell(esc(what), "text"),
                 tables.cell(esc(", ".join(step.get("joints") or [])), "text"),
                 *(
@@ -96,4 +98,5 @@ def steps(result: Result) -> str:
     head = ["Step", "What", "Where", *(esc(joint) for joint in result["joints"])]
     unit = esc(unit_text(torques_said(torques_told(result))))
     shown = tables.table(head, rows, label="Steps of the search")
-    return f"<p>Training error per joint after each step [{unit}].</p>{shown}" if rows else ""
+    at_once = " What was added or dropped at once has one number, and one fit behind it." if number < len(rows) else ""
+    return f"<p>Training error per joint after each step [{unit}].{at_once}</p>{shown}" if rows else ""
