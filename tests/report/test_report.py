@@ -321,6 +321,18 @@ def test_numbers_units_and_words(folder: Path) -> None:
     assert "None" not in text
 
 
+def test_errors_in_the_data_are_not_called_warnings(tmp_path: Path) -> None:
+    result = make_result(2)
+    findings = result["data"]["findings"]
+    findings.append({"code": "frozen", "severity": "error", "message": "The torque of joint_0 hangs."})
+    page = Page(write_report(write_inputs(tmp_path, result, make_table(2))).read_text(encoding="utf-8"))
+    assert "1 error and 1 warning about the data: The torque of joint_0 hangs." in page.text
+    assert "1 error and 1 warning, 1 note." in page.text
+    findings[:] = findings[2:]
+    page = Page(write_report(write_inputs(tmp_path, result, make_table(2))).read_text(encoding="utf-8"))
+    assert "1 error, 0 notes." in page.text
+
+
 def test_the_shape_of_a_smooth_law_is_shown_whole(tmp_path: Path) -> None:
     result = make_result(2)
     shapes = result["parameters"]["friction_shape"]

@@ -18,6 +18,7 @@ from dynid_rs.report.text import (
     plural,
     ratio,
     significant,
+    urgent_words,
     with_unit,
     words,
 )
@@ -173,7 +174,7 @@ def data(result: Result) -> str:
         return "<p>No findings: nothing in the runs looked wrong.</p>"
     urgent = [f for f in findings if f["severity"] != "info"]
     calm = [f for f in findings if f["severity"] == "info"]
-    said = f"<p>{plural(len(urgent), 'warning')}, {plural(len(calm), 'note')}.</p>\n"
+    said = f"<p>{urgent_words(urgent)}, {plural(len(calm), 'note')}.</p>\n"
     body = tables.findings_table(urgent) if urgent else ""
     if calm:
         unfolded = "" if urgent and len(calm) > 3 else " open"

@@ -21,6 +21,7 @@ from dynid_rs.report.text import (
     plural,
     ratio,
     significant,
+    urgent_words,
     with_unit,
 )
 
@@ -51,7 +52,7 @@ def alert(findings: Sequence[Result], section: str) -> str:
     worst = next((f for f in bad if f["severity"] == "error"), bad[0])
     more = "All of them" if len(bad) > 1 else "More"
     return (
-        f'<p class="alert"><b><span aria-hidden="true">\u25b2</span> {plural(len(bad), "warning")} about the data:</b> '
+        f'<p class="alert"><b><span aria-hidden="true">\u25b2</span> {urgent_words(bad)} about the data:</b> '
         f'{esc(worst["message"])} <a href="#{section}">{more}</a></p>\n'
     )
 

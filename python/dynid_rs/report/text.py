@@ -8,7 +8,8 @@ from __future__ import annotations
 import html
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from dynid_rs.base import numbers
 from dynid_rs.base.units import SUPERSCRIPTS, unit_text
@@ -84,6 +85,14 @@ def count(number: float | None) -> str:
 def plural(number: int, one: str, many: str | None = None) -> str:
     """`1 run`, `3 runs`."""
     return f"{count(number)}{NBSP}{one if number == 1 else many or one + 's'}"
+
+
+def urgent_words(findings: Sequence[Mapping[str, Any]]) -> str:
+    """`1 error and 2 warnings` among findings; `0 warnings` where there is neither."""
+    bad = sum(finding["severity"] == "error" for finding in findings)
+    others = sum(finding["severity"] not in ("error", "info") for finding in findings)
+    listed = [plural(bad, "error")] if bad else []
+    return join_words([*listed, *([plural(others, "warning")] if others or not bad else [])])
 
 
 def with_unit(text: str, unit: str | None) -> str:
