@@ -169,7 +169,16 @@ def test_distributions_show_every_quantity_and_mark_odd_arms() -> None:
     page = build_fleet_page(answer, table)
     assert page.count('<svg class="spread"') == 8
     assert "<title>arm_0000: 40.0</title>" in page
+    assert page.count("less than is seen") == 2  # gains of both types
     assert "<b>10 of 200</b>" in page
+
+
+def test_what_is_missing_is_missing_at_the_link_that_is_named() -> None:
+    answer, table = made(12, 1)
+    answer["robots"][0]["causes"] = [CAUSE | {"kind": "load", "place": "fore", "size": -0.5}]
+    page = build_fleet_page(answer, table)
+    assert "Something is missing: mount it again" in page
+    assert "last link" not in page
 
 
 def test_fleets_about_which_little_can_be_said() -> None:
@@ -179,5 +188,7 @@ def test_fleets_about_which_little_can_be_said() -> None:
     page = build_fleet_page(answer, table)
     assert "there are too few arms of one type" in page
     assert "a type needs 9 of them" in page
+    assert "<p>No arm could be compared.</p>" in page
     none, table = made(12, 0)
+    assert "<p>None.</p>" in build_fleet_page(none, table)
     assert "<b>None</b> of 12\u00a0arms that could be compared." in build_fleet_page(none, table)

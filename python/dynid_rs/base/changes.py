@@ -35,7 +35,7 @@ _FALLEN = {
     "friction": f"Has the joint warmed up, run in or been lubricated? I{_REFIT}",
     "gain": f"The channel shows less than before: {_CHANNEL}",
     "delay": "The positions come later than they did: look at filters, firmware and the bus of this joint's encoders.",
-    "load": "Something is missing at the last link: mount it again, or weigh it, `dynid payload MODEL.json RUN`.",
+    "load": "Something is missing: mount it again, or weigh it, `dynid payload MODEL.json RUN`.",
 }
 
 

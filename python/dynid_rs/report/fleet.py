@@ -88,7 +88,7 @@ def _head(answer: Mapping[str, Any], odd: Sequence[Row]) -> str:
 
 
 def _which(answer: Mapping[str, Any], odd: Sequence[Row]) -> str:
-    known = sum(row["odd"] in ("yes", "no") for row in answer["robots"])
+    known = _compared(answer)
     if not known:
         return "<b>Not known:</b> there are too few arms of one type to compare them."
     if not odd:
@@ -97,6 +97,11 @@ def _which(answer: Mapping[str, Any], odd: Sequence[Row]) -> str:
     more = len(odd) - MOST_NAMED
     link = f'<br><a href="#odd">{plural(more, "more arm")}</a>' if more > 0 else ""
     return f"<b>{count(len(odd))} of {count(known)}</b>, the farthest first:<br>{named}{link}"
+
+
+def _compared(answer: Mapping[str, Any]) -> int:
+    """Number of arms of which it is known whether they are odd."""
+    return sum(row["odd"] in ("yes", "no") for row in answer["robots"])
 
 
 def _sentences(row: Row) -> str:
@@ -135,7 +140,7 @@ def _sure(answer: Mapping[str, Any], rows: Sequence[Row]) -> str:
 
 def _odd(odd: Sequence[Row], answer: Mapping[str, Any]) -> str:
     if not odd:
-        return "<p>None.</p>" if answer["pooling"] else "<p>No arm could be compared.</p>"
+        return "<p>None.</p>" if _compared(answer) else "<p>No arm could be compared.</p>"
     rows = [
         [
             f'<th scope="row">{breakable(row["name"])}</th>',

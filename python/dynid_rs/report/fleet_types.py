@@ -82,13 +82,14 @@ def _name(quantity: Mapping[str, Any]) -> str:
 
 def _size(quantity: Mapping[str, Any]) -> list[str]:
     mean, deviation = quantity["mean"], quantity["deviation"]
+    nothing = "" if deviation else cell("<small>less than is seen</small>")
     if quantity["kind"] == "error":  # logarithms
-        return [cell(percent(float(np.exp2(mean / np.log(2))))), cell(percent(deviation))]
+        return [cell(percent(float(np.exp2(mean / np.log(2))))), nothing or cell(percent(deviation))]
     if quantity["kind"] == "gain":
-        return [cell("1"), cell(percent(deviation))]
+        return [cell("1"), nothing or cell(percent(deviation))]
     unit = unit_text(quantity["unit"])
-    if deviation == 0:
-        return [cell(f"{significant(mean)}\u00a0{unit}"), cell("<small>less than is seen</small>")]
+    if nothing:
+        return [cell(f"{significant(mean)}\u00a0{unit}"), nothing]
     relative = f" <small>{percent(deviation / abs(mean))}</small>" if abs(mean) > 3 * deviation else ""
     return [cell(f"{significant(mean)}\u00a0{unit}"), cell(f"{significant(deviation, 2)}\u00a0{unit}{relative}")]
 
