@@ -322,9 +322,12 @@ def test_a_reference_names_the_payload(tmp_path):
     model = tmp_path / "trusted"
     trained = dynid("identify", robot, *before[:2], "--test", before[2], "-o", model, "--friction-law", "smooth")
     assert trained.exit_code == 0, trained.output
-    _, result = diagnosed(tmp_path, robot, *after[:2], "--test", after[2], "--reference", model / "model.json")
+    printed, result = diagnosed(tmp_path, robot, *after[:2], "--test", after[2], "--reference", model / "model.json")
     validator().validate(result)
     assert [entry["kind"] for entry in result["effects"]] == ["payload"]
+    assert "before: the reference as it is, after: with what has changed" in " ".join(printed.output.split())
+    assert result["loops"]["test"]["residual"] == result["loops"]["test"]["links"]  # it is no loop of this fit
+    assert result["rmse"]["test"]["before"] != result["loops"]["test"]["residual"]
     assert not (tmp_path / "out" / "open.json").exists()
     mass = result["effects"][0]["parameters"][0]
     assert mass["interval"][0] < mass["value"] < mass["interval"][1]

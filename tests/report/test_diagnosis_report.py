@@ -13,7 +13,7 @@ from test_report import HOSTILE, Page, array_of, data_of, make_result, make_tabl
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.numbers import significant
-from dynid_rs.base.wording import NO_INTERVAL
+from dynid_rs.base.wording import NO_INTERVAL, worse_than_least_squares
 from dynid_rs.report import write_report
 from dynid_rs.report.bars import bar_chart
 from dynid_rs.report.text import typeset
@@ -209,6 +209,29 @@ def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path: P
     assert NO_INTERVAL in page.text
     result["rmse"]["test"]["change_interval"][2] = [0.0, 0.0]
     assert NO_INTERVAL not in page_of(tmp_path, result)[1].text
+
+
+def test_a_reference_is_no_declared_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its errors were told as those of a fit of the robot file, and another model's parameters as its own."""
+    from dynid_rs.commands._diagnose_view import show
+
+    result = make_diagnosis(3) | {"covariance": None, "next_experiment": []}
+    result["rmse"]["test"]["before"] = [3.0 * error for error in result["rmse"]["test"]["wls"]]
+    assert worse_than_least_squares(result).startswith("Worse than the simplest model: the reference leaves more")
+    _, page = page_of(tmp_path, result)
+    for said in (
+        "(the reference ",
+        "against the reference",
+        "Reference: the model that was given, as it is; nothing of it was fitted to these runs.",
+        "model.json is another one: the reference with what has changed.",
+    ):
+        assert said in page.text, said
+    assert "eclared model:" not in page.text
+    show(result, tmp_path)
+    assert "before: the reference as it is, after: with what has changed" in capsys.readouterr().out.replace("\n", " ")
+    _, declared = page_of(tmp_path, make_diagnosis(3))
+    assert "model.json is another one" not in declared.text
+    assert "Declared model: what the robot file" in declared.text
 
 
 def test_the_page_has_every_number_of_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -82,6 +82,16 @@ def _as_one(family: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {**family[0], "joints": list(joints), "ties": ties}
 
 
+def against_reference(result: Mapping[str, Any]) -> bool:
+    """Whether a diagnosis asked what has changed against a reference, of whose parameters its fit tells nothing."""
+    return result.get("steps") is not None and result.get("covariance", {}) is None
+
+
+def before_words(result: Mapping[str, Any]) -> str:
+    """What the errors `before` are of."""
+    return "reference" if against_reference(result) else "declared model"
+
+
 def lacks_interval(result: Mapping[str, Any]) -> bool:
     """Whether a joint has no interval of its error or of the change, although intervals were asked for."""
     test = result["rmse"]["test"]
@@ -179,9 +189,8 @@ def worse_than_least_squares(result: Mapping[str, Any]) -> str:
     test, joints = result["rmse"]["test"], result["joints"]
     said = []
     with_effects = test["before"] != test["after"]
-    names = (
-        (("the declared model", "before"), ("the model with effects", "after")) if with_effects else (("it", "after"),)
-    )
+    mended = "the reference with what has changed" if against_reference(result) else "the model with effects"
+    names = ((f"the {before_words(result)}", "before"), (mended, "after")) if with_effects else (("it", "after"),)
     for name, key in names:
         errors, baseline = (np.asarray(values, dtype=float) for values in (test[key], test["wls"]))  # None is NaN
         ratios = errors / np.where(baseline > 0, baseline, np.nan)

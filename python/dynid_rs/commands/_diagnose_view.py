@@ -11,7 +11,7 @@ from rich.text import Text
 from dynid_rs.base.numbers import change, interval, percent_interval, significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import torques_said, torques_told
-from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
+from dynid_rs.base.wording import NO_INTERVAL, against_reference, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console
 from dynid_rs.commands._identify_view import with_file
 from dynid_rs.diagnosis.wording import effect_words, tie_words, unexplained_words
@@ -40,10 +40,12 @@ def show(result: dict[str, Any], directory: Path) -> None:
 
 
 def _errors(result: dict[str, Any]) -> Table:
-    test = result["rmse"]["test"]
+    test, before, after = result["rmse"]["test"], "links and smooth friction", "with what was found"
+    if against_reference(result):
+        before, after = "the reference as it is", "with what has changed"
     title = (
         f"RMSE on test runs [{torques_said(torques_told(result))}]\n"
-        "WLS: weighted least squares, before: links and smooth friction, after: with what was found"
+        f"WLS: weighted least squares, before: {before}, after: {after}"
     )
     table = Table(title=Text(title), title_justify="left")
     table.add_column("joint")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.wording import against_reference
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.setup import Setup
@@ -139,6 +140,8 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         if outcome.setup.excluded.get(run.recording.name)
     }
     _as_told(result["parameters"]["joint"], effects)
+    if against_reference(result | {"steps": outcome.steps}):  # no loop made the reference, and the fit has no third
+        result["loops"]["test"]["residual"] = result["loops"]["test"]["links"]
     result |= {
         "effects": effects,
         "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.left],

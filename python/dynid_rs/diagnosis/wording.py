@@ -13,6 +13,7 @@ from dynid_rs.base.numbers import percent, significant
 from dynid_rs.base.units import plain_unit
 from dynid_rs.base.wording import (
     ANOTHER_FUNCTION,
+    before_words,
     concluded,
     in_families,
     is_better,
@@ -152,7 +153,8 @@ def verdict(result: Result) -> str:
         return f"Nothing to add: {_against_floor(result)}{_unseen(result)}"
     if not found:
         change = f" {_change(result)}" if result["effects"] else ""
-        return f"Nothing in the catalogue of effects explains what the declared model leaves.{change}{_left(result)}"
+        leaves = f"what the {before_words(result)} leaves"
+        return f"Nothing in the catalogue of effects explains {leaves}.{change}{_left(result)}"
     large, small = ([e for e in found if matters(result, e) == wanted] for wanted in (True, False))
     explained = f"{_explained(result, large)} {_names_said(large, joints)}. " if large else ""
     return f"{explained}{_of_no_use(small, joints, more=bool(large))}{_change(result)}{_left(result)}"
@@ -160,7 +162,8 @@ def verdict(result: Result) -> str:
 
 def _explained(result: Result, found: Sequence[Result]) -> str:
     share = explained_share(result)
-    what = "what the declared model lacked" if share is None else f"{100 * share:.0f} % of what could be explained"
+    lacked = f"what the {before_words(result)} lacked"
+    what = lacked if share is None else f"{100 * share:.0f} % of what could be explained"
     return f"{_counted(found)} {'explain' if len(found) > 1 else 'explains'} {what}:"
 
 
@@ -263,9 +266,9 @@ def _against_floor(result: Result) -> str:
         if floor is not None and (after if interval is None else interval[0]) > floor
     ]
     if not above:
-        return "on runs that it has not seen the declared model leaves no more than the noise."
+        return f"on runs that it has not seen the {before_words(result)} leaves no more than the noise."
     return (
-        f"what the declared model leaves on {_listed(above)} is above the floor, but it depends on no signal "
+        f"what the {before_words(result)} leaves on {_listed(above)} is above the floor, but it depends on no signal "
         "strongly enough to be told from chance."
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynid_rs.base.wording import ANOTHER_FUNCTION, concluded, is_better, kinds_said
+from dynid_rs.base.wording import ANOTHER_FUNCTION, against_reference, before_words, concluded, is_better, kinds_said
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.families import Family, families, said, sentence
 from dynid_rs.report.text import NBSP, capital, esc, join_words, percent, plural, ratio, short_names, with_code, words
@@ -40,21 +40,22 @@ def _good(result: Result) -> str:
     if left is None:
         return "<b>Not known.</b> There is no test run with torque to measure it on."
     with_effects = test["before"] != test["after"]
-    others = [(name, _range(test[key], test["torque_std"])) for name, key in _rivals(with_effects)]
+    others = [(name, _range(test[key], test["torque_std"])) for name, key in _rivals(result, with_effects)]
     compared = "; ".join(f"{name} {span}" for name, span in others if span)
     text = f"On unseen runs it leaves <b>{left}</b> of a joint\u2019s torque ({compared})."
     return text + _where_worse(result, with_effects)
 
 
-def _rivals(with_effects: bool) -> list[tuple[str, str]]:
-    rivals = [("declared", "before")] if with_effects else []
+def _rivals(result: Result, with_effects: bool) -> list[tuple[str, str]]:
+    before = "the reference" if against_reference(result) else "declared"
+    rivals = [(before, "before")] if with_effects else []
     return [*rivals, ("least squares", "wls")]
 
 
 def _where_worse(result: Result, with_effects: bool) -> str:
     """Where the simpler model would be the better one."""
     test, names = result["rmse"]["test"], short_names(result["joints"])
-    for name, key in (("the declared model", "before"), ("least squares", "wls")):
+    for name, key in ((f"the {before_words(result)}", "before"), ("least squares", "wls")):
         pairs = zip(names, test["after"], test[key], strict=True)
         worse = [joint for joint, new, old in pairs if (share := ratio(new, old)) is not None and share > WORSE]
         if worse and (with_effects or key == "wls"):

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dynid_rs.base.units import torques_said, torques_told, unit_text
+from dynid_rs.base.wording import against_reference, before_words
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import (
     DASH,
@@ -49,7 +50,7 @@ def with_effects(result: Result) -> bool:
 
 def models(result: Result) -> list[tuple[str, str, str]]:
     """Models that are compared: key of their errors, style of their bar, name."""
-    middle = [("before", "before", "declared model")] if with_effects(result) else []
+    middle = [("before", "before", before_words(result))] if with_effects(result) else []
     last = "with the effects found" if result.get("steps") is not None else "three loops"
     last = "with effects" if result.get("steps") is None and middle else last
     return [("wls", "wls", "weighted least squares"), *middle, ("after", "after", last)]
@@ -132,6 +133,7 @@ def _bar(row: Result, key: str, style: str, scale: float) -> str:
 def _change(row: Result, result: Result) -> str:
     """By how much the error changed, in a colour only where its interval leaves no doubt."""
     base, against = ("before", "declared") if with_effects(result) else ("wls", "least squares")
+    against = "the reference" if base == "before" and against_reference(result) else against
     share = ratio(row["after"], row[base])
     if share is None:
         return ""
@@ -158,7 +160,8 @@ def _table(result: Result, rows: Sequence[Result]) -> str:
     said = f"<small>{esc(unit_text(torques_said(torques_told(result))))}</small>"
     last = models(result)[-1][2]
     head = ["Joint", f"Torque std {said}", f"Weighted least squares {said}"]
-    head += [f"Declared {said}", f"95 % interval {said}"] if with_effects(result) else []
+    before = "Reference" if against_reference(result) else "Declared"
+    head += [f"{before} {said}", f"95 % interval {said}"] if with_effects(result) else []
     head += [f"{last[0].upper()}{last[1:]} {said}", f"95 % interval {said}"]
     head += ["Change", "95 % interval"] if with_effects(result) else ["Against least squares"]
     head += [f"Floor {said}", f"95 % interval {said}"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dynid_rs.base.units import torques_said, torques_told, unit_text
-from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval, worse_than_least_squares
+from dynid_rs.base.wording import NO_INTERVAL, against_reference, concluded, lacks_interval, worse_than_least_squares
 from dynid_rs.report import bars, effect_cards, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import DASH, esc, file_names, significant, with_code, words
@@ -26,12 +26,18 @@ def errors(result: Result) -> str:
         "<p>Root-mean-square torque error in percent of how much that joint\u2019s torque varies (its standard "
         "deviation), on runs that neither fitting nor choosing has touched. Shorter is better.</p>\n"
         f"{bars.bar_chart(result)}\n{_verdict(result)}{_worse(result)}"
-        '<p class="note">Weighted least squares: rigid body, Coulomb and viscous friction, fitted once. Declared '
-        "model: what the robot file and the options say, fitted before anything was added. A change has a "
+        '<p class="note">Weighted least squares: rigid body, Coulomb and viscous friction, fitted once to the training '
+        f"runs. {_before(result)} A change has a "
         "colour only where its 95 % interval leaves no doubt; intervals allow for errors that depend on their "
         f"neighbours in time.{method}{missing}</p>\n"
         f'<p class="note">Test: {file_names(data["test"])}. Train: {file_names(data["train"])}.</p>'
     )
+
+
+def _before(result: Result) -> str:
+    if against_reference(result):
+        return "Reference: the model that was given, as it is; nothing of it was fitted to these runs."
+    return "Declared model: what the robot file and the options say, fitted before anything was added."
 
 
 def _verdict(result: Result) -> str:

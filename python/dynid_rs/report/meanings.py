@@ -19,7 +19,7 @@ MEANINGS = {
     "torque_saturation": "The drive gives less torque per ampere, or the sensor shows less, the greater the torque is.",
     "thermal_friction": "Friction falls as the joint warms up during the run.",
     "temperature_friction": "Friction changes with the joint\u2019s measured temperature.",
-    "payload": "The arm carries a mass that the robot file does not know of.",
+    "payload": "The arm carries a mass that the model did not know of.",
     "gravity_tilt": "The base does not stand as the robot file has it: gravity pulls in another direction.",
     "kinematic_error": "A joint\u2019s axis is not where the robot file has it.",
     "joint_elasticity": "The gear yields like a spring between motor and link.",

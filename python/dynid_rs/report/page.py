@@ -12,12 +12,18 @@ from importlib.resources import files
 from pathlib import Path
 
 from dynid_rs.base.files import write_bytes
+from dynid_rs.base.wording import against_reference
 from dynid_rs.report import declared, diagnosis, explanations, sections
 from dynid_rs.report.channel_plots import with_channel_plots
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.shape import is_diagnosis
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
+
+OWN_FIT = (
+    "These are of a model that was fitted to these training runs alone. <code>model.json</code> is another one: the "
+    "reference with what has changed."
+)
 
 
 def build_page(source: Source) -> str:
@@ -59,12 +65,16 @@ def _diagnosis(figures: Figures, source: Source) -> str:
 def _details(figures: Figures, source: Source) -> list[tuple[str, str, str]]:
     """Sections that both pages have: key, title and HTML, which may be empty."""
     result = source.result
-    return [
-        ("torque", "Torque over time", sections.torque(figures, source)),
-        ("velocity", "Friction and residual", sections.velocity(figures, source)),
+    own = f'<p class="note">{OWN_FIT}</p>\n' if against_reference(result) else ""
+    own_parts = [
         ("parameters", "Parameters", explanations.parameters(figures, result)),
         ("declared", "What was declared", declared.declared(result)),
         ("loops", "What the loops did", explanations.loops(figures, result)),
+    ]
+    return [
+        ("torque", "Torque over time", sections.torque(figures, source)),
+        ("velocity", "Friction and residual", sections.velocity(figures, source)),
+        *((key, title, text and own + text) for key, title, text in own_parts),
         ("data", "Data", explanations.data(result)),
         ("provenance", "Where this comes from", explanations.provenance(source)),
     ]
