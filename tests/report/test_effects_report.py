@@ -83,6 +83,17 @@ def test_what_the_torque_channel_does_is_drawn_from_the_residuals(tmp_path: Path
     np.testing.assert_allclose(high - low, 0.01 * np.abs(x), rtol=1e-4, atol=1e-6)
 
 
+def test_an_effect_without_a_name_has_no_numbers_of_the_law_that_stands_in_for_it(tmp_path: Path) -> None:
+    result = make_diagnosis(2)
+    (unknown,) = (entry for entry in result["effects"] if entry["kind"] == "unknown")
+    result["effects"] = [unknown | {"told_as": "stribeck"}]
+    _, page = page_of(tmp_path, result)
+    assert "stribeck" not in page.text
+    assert "Unknown effect" in page.text
+    result["effects"][0]["ties"] = [made_diagnosis.tie("joint_spring", "joint_0", [1.0])]  # one or the other
+    assert "stribeck pos" in page_of(tmp_path, result)[1].text
+
+
 def test_points_of_a_delay_of_all_joints_are_of_one_joint_alone(tmp_path: Path) -> None:
     result = make_diagnosis(3)
     drawn = {**made_diagnosis.plot("tau_rate_joint_1"), "joint": "joint_1"}

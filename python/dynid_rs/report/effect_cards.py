@@ -143,6 +143,7 @@ def _gain(result: Result, member: Member) -> str:
 
 
 def _parameters(entry: Result) -> str:
+    """Numbers of an effect; of one without a name none, as they would be those of the law that stands in for it."""
     several = len(entry["joints"]) > 1
     rows = [
         [
@@ -150,7 +151,7 @@ def _parameters(entry: Result) -> str:
             cell(esc(with_unit(significant(p["value"]), p.get("unit"))), "num main"),
             cell(interval(p.get("interval")), "num soft"),
         ]
-        for p in entry.get("parameters") or []
+        for p in (entry.get("parameters") or [] if kinds_said(entry) else [])
         if p["name"] != "side"  # the note below says it by the neighbour's name
     ]
     head = ["Size", "Value", "95 % interval"]
