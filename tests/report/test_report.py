@@ -386,6 +386,24 @@ def test_third_loop_left_out_and_joint_that_never_moved(tmp_path: Path) -> None:
     assert NO_INTERVAL in text
 
 
+def test_what_a_joint_leaves_at_rest_is_in_no_picture_of_friction_or_noise(tmp_path: Path) -> None:
+    """It is not scored: a picture with it showed another error than the one beside it."""
+    result, columns = make_result(3), make_table(3, 200)
+    rests = np.arange(columns["t"].size) % 200 < 50
+    error = columns["residual_0"].copy()
+    columns["residual_0"] = np.where(rests, 100.0, error)
+    columns |= {f"moves_{j}": ~rests & (j < 2) for j in range(3)}
+    source = write_report(write_inputs(tmp_path, result, columns)).read_text(encoding="utf-8")
+    scored = error[~rests & (columns["set"] == "test")]
+    np.testing.assert_allclose(np.sort(array_of(source, "v/0/residual")), np.sort(scored), rtol=1e-5, atol=1e-6)
+    assert np.abs(array_of(source, "n/0/bin")).max() < 5.0 * np.abs(scored).max()
+    lags = array_of(source, "n/0/acf")
+    assert lags[0] == pytest.approx(1.0)
+    assert abs(lags[-1]) < 0.5  # a rest of 2.5 s at one value would be remembered over all lags
+    assert array_of(source, "v/2/residual").size == 0  # it never moved
+    assert "Where a joint stands still nothing is shown" in Page(source).text
+
+
 def test_effects_are_shown(tmp_path: Path) -> None:
     result = make_result(2)
     result["effects"] = [

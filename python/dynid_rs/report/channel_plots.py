@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.units import torques_told
-from dynid_rs.report.plots import shown_rows
+from dynid_rs.report.plots import moving_rows
 from dynid_rs.report.series import thin
 from dynid_rs.report.source import Signals, Source
 
@@ -52,7 +52,7 @@ def _drawn(source: Source, entry: Result) -> dict[str, Any]:
 
 def _curve(signals: Signals, j: int, kind: str, size: float) -> tuple[Array, float, Array]:
     """Signal that it is drawn over, torque per signal, and what the model leaves."""
-    rows = shown_rows(signals)
+    rows = moving_rows(signals, j)
     tau, left, t = (signals.columns[name] for name in (f"predicted_{j}", f"residual_{j}", "t"))
     if kind == "torque_gain":
         return tau[rows] / (1.0 + size), size, left[rows]

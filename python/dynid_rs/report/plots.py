@@ -83,6 +83,12 @@ def shown_rows(signals: Signals) -> NDArray[np.bool_]:
     return signals.is_test if signals.is_test.any() else np.ones_like(signals.is_test)
 
 
+def moving_rows(signals: Signals, j: int) -> NDArray[np.bool_]:
+    """Pick the shown samples in which joint `j` moves, as its errors do; all of them in tables that do not say it."""
+    moves = signals.columns.get(f"moves_{j}")
+    return shown_rows(signals) if moves is None else shown_rows(signals) & (moves != 0)
+
+
 def velocity_unit(result: Mapping[str, Any], joint: str) -> str:
     """Return rad/s, or what the friction shape of this joint says (m/s for a prismatic joint)."""
     shapes = (result.get("parameters") or {}).get("friction_shape") or []
@@ -142,13 +148,14 @@ def _time_panels(
 
 
 def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
-    """Friction and residual over joint velocity, one figure per joint; returns points shown and samples."""
+    """Friction and residual over joint velocity, one figure per joint; most points and most samples of a joint."""
     signals, result = source.signals, source.result
-    joints = result["joints"]
-    picked = np.flatnonzero(shown_rows(signals))
+    joints, most = result["joints"], 0
     max_points = int(np.clip(_CLOUD_BUDGET / len(joints), *_CLOUD_POINTS))
     units = [unit_text(unit) for unit in torques_told(result)]
     for j, joint in enumerate(joints):
+        picked = np.flatnonzero(moving_rows(signals, j))
+        most = max(most, picked.size)
         dq, residual = signals.columns[f"dq_{j}"][picked], signals.columns[f"residual_{j}"][picked]
         friction = _friction(signals, j)[picked]
         few = thin(picked.size, residual, max_points)
@@ -171,7 +178,7 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
                 panel(speed, label("residual", units[j]), below, height=140),
             ],
         )
-    return min(max_points, picked.size), picked.size
+    return min(max_points, most), most
 
 
 def _friction(signals: Signals, j: int) -> Array:
@@ -198,17 +205,23 @@ def add_noise_plots(figures: Figures, source: Source) -> None:
     longest = max(run.size for run in runs)
     n_lags = int(np.clip(_MAX_LAG / max(step, 1e-9), 2, max(2, min(longest // 2, 400))))
     for j in range(len(source.result["joints"])):
-        residual = signals.columns[f"residual_{j}"]
-        correlation = autocorrelation([residual[run] for run in runs], n_lags)
-        values = residual[rows]
+        residual, moving = signals.columns[f"residual_{j}"], moving_rows(signals, j)
+        correlation = autocorrelation([_at_rest_nothing(residual[run], moving[run]) for run in runs], n_lags)
+        values = residual[moving]
         lags = figures.array("lag", np.arange(n_lags) * step)
         memory = series("line", lags, "red", "autocorrelation", y=figures.array(f"n/{j}/acf", correlation))
         panels = [panel("lag [s]", "autocorrelation", [memory], height=140, range=[-1.05, 1.05])]
         figures.add(f"noise-{j}", panels + _distribution(figures, j, values, units[j]))
 
 
+def _at_rest_nothing(residual: Array, moving: NDArray[np.bool_]) -> Array:
+    """A residual (n,) about its mean where the joint moves, and zero elsewhere, which adds nothing to any lag."""
+    centre = float(residual[moving].mean()) if moving.any() else 0.0
+    return np.where(moving, residual - centre, 0.0)
+
+
 def _distribution(figures: Figures, j: int, values: Array, unit: str) -> list[dict[str, Any]]:
-    std = float(values.std())
+    std = float(values.std()) if values.size else 0.0
     if std == 0.0:
         return []
     centre = float(values.mean())

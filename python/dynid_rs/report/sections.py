@@ -170,13 +170,13 @@ def velocity(figures: Figures, source: Source) -> str:
         _grid(result, key, lambda j: "", lambda j, text=text: text, "small")
         for key, text in (("velocity", speed), ("noise", memory))
     )
-    few = f" Dots: {count(n_points)} of {count(n_samples)} samples, chosen at random." if n_points < n_samples else ""
+    few = f" Dots: at most {count(n_points)} samples of a joint, chosen at random." if n_points < n_samples else ""
     return (
         "<p>Above: measured torque minus everything but friction (dots), and the identified friction "
         "(blue, mean per velocity bin; all its terms together). "
         "Below: the residual (dots) and its mean (red). A red line that leaves zero, most often near "
         "zero velocity, is friction "
-        f"that the model lacks.{few}</p>\n"
+        f"that the model lacks. Where a joint stands still nothing is shown, as it is not scored.{few}</p>\n"
         f"{above}\n"
         "<details><summary>Is the residual noise? Its memory and its distribution</summary>\n"
         "<p>Noise forgets at once: its autocorrelation drops to zero within the filter's own memory, and "
