@@ -8,11 +8,13 @@ import jsonschema
 import numpy as np
 import pytest
 from helpers.data import ROOT
+from helpers.diagnosed import recorded, rigid
 from helpers.run_files import write
 from helpers.small_arm import N_RUNS, URDF, as_current, dynid, refusal, run, write_robot
 from sklearn.base import clone
 
 from dynid_rs import DataError, Recording, RobotModel, TorqueModel, _core
+from dynid_rs.identification.separability import examine
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.terms import read_terms
 
@@ -106,6 +108,15 @@ def test_the_baseline_has_the_term_too(fitted):
     states = known.states(recording_of(2))
     difference = known.baseline_.evaluate(*states.signals())[0] - without.baseline_.evaluate(*states.signals())[0]
     np.testing.assert_allclose(difference[:, ELBOW], cylinder(states.q[:, ELBOW]), rtol=1e-4, atol=1e-4)
+
+
+def test_the_torque_of_a_term_on_a_slide_is_a_force():
+    slide = RobotModel.from_urdf_string(URDF.replace('"revolute"', '"prismatic"', 1), tip="upper")
+    spring = _core.Effect.of("joint_spring", rest_position=[0.0]), np.array([[20.0]])
+    runs = recorded(rigid(slide))
+    fit = ThreeLoopIdentifier(slide, known=[spring], residual=None).fit(runs[:2])
+    (entry,) = examine(fit, [fit.states(runs[2])])
+    assert (entry["joint"], entry["unit"]) == ("shoulder", "N")
 
 
 def test_the_users_identifier_can_be_cloned(robot):

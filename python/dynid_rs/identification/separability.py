@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding, Severity
 from dynid_rs.base.memory import column_memory, inflation
+from dynid_rs.base.units import torque_of
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.model.assembly import assemble, evaluate
 from dynid_rs.model.known import KnownTerm, known_torque
@@ -104,7 +105,7 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
         "joint": identifier.robot.joint_names[j],
         "shape": {name: values[j] for name, values in effect.shape},
         "coefficients": dict(zip(effect.coefficient_names, coefficients[j], strict=True)),
-        "unit": identifier.torque_unit_,
+        "unit": torque_of(identifier.torque_unit_, identifier.robot.joint_kinds[j]),
         "torque_rms": float(np.sqrt(np.mean(np.concatenate(torque)[:, j] ** 2))),
         "data_alone": separation(only, observations, with_it, j).to_json(),
         "rmse_test_alone": {"with": error(with_it, identifier.known_), "without": error(without_it, known_without)},
