@@ -7,9 +7,11 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from helpers.link_models import bare_model
+from helpers.small_arm import URDF
 from helpers.watched_runs import CLOCK, DAY, DEVIATION, HOSTILE, ROW, both, change, run, watch
 
-from dynid_rs import Watch, health_page
+from dynid_rs import RobotModel, Watch, health_page
 from dynid_rs.base.findings import Finding
 from dynid_rs.report.health import write_health
 from dynid_rs.report.health_source import Health, HealthRun, episodes
@@ -284,6 +286,13 @@ def test_the_page_says_how_it_was_watched(tmp_path):
     fitted.save(tmp_path / "watch.json")
     loaded = Watch.load(tmp_path / "watch.json", watch().model)
     assert "as healthy runs said that settings were made from" in page(tmp_path, run(), of=loaded).html
+
+
+def test_an_encoder_of_a_slide_slips_by_metres(tmp_path):
+    for tip, unit in (("upper", "m"), ("fore", "rad or m")):
+        slide = RobotModel.from_urdf_string(URDF.replace('"revolute"', '"prismatic"', 1), tip=tip)
+        text = page(tmp_path, run(n=slide.n_joints), of=Watch(bare_model(slide, slide.phi))).html
+        assert f"encoder slip 0.00500\u00a0{unit}, " in text
 
 
 def test_findings_are_on_the_page(tmp_path):

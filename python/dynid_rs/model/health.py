@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.base.units import torques_said
+from dynid_rs.base.units import angle_units, torques_said
 from dynid_rs.model.standing import relative, standing
 from dynid_rs.model.units import torque_units
 from dynid_rs.model.watch import Tolerated, Watch, Watched
@@ -69,6 +69,7 @@ def health_page(
         tolerated=asdict(watch.tolerated or Tolerated()),
         healthy=getattr(watch, "healthy_", learned),
         findings=[finding.to_json() for finding in findings],
+        angle_unit=" or ".join(sorted(set(angle_units(robot.joint_kinds)), reverse=True)),
     )
     return write_health(Path(path), health)
 

@@ -69,6 +69,8 @@ class Health:
         Names of the runs that said what is usual; empty where a file of settings said it, None where nothing did.
     findings : sequence of mappings
         About the data, as `Finding.to_json` gives them.
+    angle_unit : str
+        Of positions: rad, m, or `rad or m` where joints turn and slide.
     """
 
     robot: str
@@ -83,6 +85,7 @@ class Health:
     tolerated: Mapping[str, float]
     healthy: tuple[str, ...] | None
     findings: Sequence[Mapping[str, Any]]
+    angle_unit: str = "rad"
 
 
 @dataclass(frozen=True)
