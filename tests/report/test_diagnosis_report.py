@@ -263,7 +263,10 @@ def test_the_page_has_every_number_of_the_terminal(tmp_path: Path, capsys: pytes
 def test_nothing_to_add(tmp_path: Path) -> None:
     result = make_diagnosis(2) | {"effects": [], "unexplained": [], "steps": [], "next_experiment": []}
     result |= {"nothing_to_add": True, "verdict": "Nothing to add: noise."}
+    result["rmse"]["test"]["after"] = result["rmse"]["test"]["before"]
     source, page = page_of(tmp_path, result)
+    assert "declared model" in page.text
+    assert "effects found" not in page.text  # there are none, so that no bar is of them
     assert "Nothing was added" in page.text
     assert "Nothing that could be told from noise" in page.text
     assert "What would tell more" not in page.text

@@ -50,9 +50,12 @@ def with_effects(result: Result) -> bool:
 
 def models(result: Result) -> list[tuple[str, str, str]]:
     """Models that are compared: key of their errors, style of their bar, name."""
-    middle = [("before", "before", before_words(result))] if with_effects(result) else []
-    last = "with the effects found" if result.get("steps") is not None else "three loops"
-    last = "with effects" if result.get("steps") is None and middle else last
+    diagnosed = result.get("steps") is not None
+    if with_effects(result):
+        middle = [("before", "before", before_words(result))]
+        last = "with the effects found" if diagnosed else "with effects"
+    else:
+        middle, last = [], before_words(result) if diagnosed else "three loops"
     return [("wls", "wls", "weighted least squares"), *middle, ("after", "after", last)]
 
 
