@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -286,6 +287,21 @@ def test_the_page_says_how_it_was_watched(tmp_path):
     fitted.save(tmp_path / "watch.json")
     loaded = Watch.load(tmp_path / "watch.json", watch().model)
     assert "as healthy runs said that settings were made from" in page(tmp_path, run(), of=loaded).html
+
+
+def test_what_stood_before_a_run_still_stands(tmp_path):
+    """The page said that the model holds, beside what stands at the end."""
+    stood = (change("friction", "joint_2", 0.25, t=0.0, said="named"),)
+    text = page(tmp_path, replace(run(), before=stood), goes_on=True).html
+    assert (
+        "<b>No:</b> nothing new in 1\u00a0run, but what stood before still does: friction of joint_2 +25\u00a0%."
+        in text
+    )
+    assert "<b>Yes:</b>" not in text
+    assert "Every run goes on with what the one before has shown." in text
+    alone = page(tmp_path, run()).html
+    assert "<b>Yes:</b> nothing has changed in 1\u00a0run." in alone
+    assert "Every run is watched on its own, from its beginning." in alone
 
 
 def test_an_encoder_of_a_slide_slips_by_metres(tmp_path):

@@ -86,7 +86,7 @@ class WatchFiles:
         if self.report is not None:
             from dynid_rs.model.health import health_page
 
-            health_page(watch, watched, self.report, findings=findings)
+            health_page(watch, watched, self.report, findings=findings, goes_on=self.remember is not None)
         if self.prometheus is not None:
             from dynid_rs.model.prometheus import prometheus_text
 

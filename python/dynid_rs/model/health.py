@@ -20,7 +20,12 @@ from dynid_rs.runs.recording import FloatArray
 
 
 def health_page(
-    watch: Watch, runs: Sequence[Watched], path: str | PathLike[str], *, findings: Sequence[Finding] = ()
+    watch: Watch,
+    runs: Sequence[Watched],
+    path: str | PathLike[str],
+    *,
+    findings: Sequence[Finding] = (),
+    goes_on: bool = False,
 ) -> Path:
     """Write a page that says whether a model still holds, what has changed and when, and what to do.
 
@@ -38,6 +43,8 @@ def health_page(
         Of the page; a file there is replaced, whole or not at all.
     findings : sequence of Finding
         About the data, as `inspect` gives them.
+    goes_on : bool
+        Whether every run was watched with what the one before it had shown (``watch(run, remembered=)``).
 
     Returns
     -------
@@ -70,6 +77,7 @@ def health_page(
         healthy=getattr(watch, "healthy_", learned),
         findings=[finding.to_json() for finding in findings],
         angle_unit=" or ".join(sorted(set(angle_units(robot.joint_kinds)), reverse=True)),
+        goes_on=goes_on,
     )
     return write_health(Path(path), health)
 

@@ -98,6 +98,11 @@ def _verdict(health: Health, found: Sequence[Episode]) -> str:
     if not _is_watched(health):
         return "<b>Not known:</b> no joint moved as the model was trained to, so that nothing could be watched."
     kept = _grouped(found)
+    if not kept and health.standing:
+        stood = "; ".join(named(change) for change in health.standing)
+        return (
+            f"<b>No:</b> nothing new in {plural(len(health.runs), 'run')}, but what stood before still does: {stood}."
+        )
     if not kept:
         passed = f"; {plural(len(found), 'change')} passed again" if found else ""
         return f"<b>Yes:</b> nothing has changed in {plural(len(health.runs), 'run')}{passed}."
@@ -219,7 +224,10 @@ def _runs(health: Health, found: Sequence[Episode], axis: Axis) -> str:
             ]
         )
     head = ["Run", "Begins", f"On the charts <small>{axis.word}</small>", "Length", "Watched least", "Changes"]
-    return "<p>Every run is watched on its own, from its beginning.</p>" + table(head, rows, label="Runs")
+    how = (
+        "goes on with what the one before has shown" if health.goes_on else "is watched on its own, from its beginning"
+    )
+    return f"<p>Every run {how}.</p>" + table(head, rows, label="Runs")
 
 
 def _settings(health: Health) -> str:

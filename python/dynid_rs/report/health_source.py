@@ -71,6 +71,8 @@ class Health:
         About the data, as `Finding.to_json` gives them.
     angle_unit : str
         Of positions: rad, m, or `rad or m` where joints turn and slide.
+    goes_on : bool
+        Whether every run was watched with what the one before it had shown.
     """
 
     robot: str
@@ -86,6 +88,7 @@ class Health:
     healthy: tuple[str, ...] | None
     findings: Sequence[Mapping[str, Any]]
     angle_unit: str = "rad"
+    goes_on: bool = False
 
 
 @dataclass(frozen=True)
