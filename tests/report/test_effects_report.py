@@ -105,6 +105,16 @@ def test_points_of_a_delay_of_all_joints_are_of_one_joint_alone(tmp_path: Path) 
     assert "the other joints\u2019 angles count too" in page.text
 
 
+def test_signals_of_slides_are_no_angles(tmp_path: Path) -> None:
+    result = make_diagnosis(2) | {"torque_units": ["N", "N*m"]}
+    signals = [{"signal": f"{name}_joint_0", "strength": 0.4, "direct": True} for name in ("q", "q_motor")]
+    result["unexplained"] = [made_diagnosis.leftover("joint_0", depends_on=signals)]
+    result["effects"] = []
+    text = page_of(tmp_path, result)[1].text.partition("What is left")[2]
+    assert "motor position of joint_0" in text
+    assert "angle" not in text.partition("Torque over time")[0]
+
+
 def test_small_angles_are_drawn_in_thousandths(tmp_path: Path) -> None:
     result = make_diagnosis(2)
     plot = result["effects"][0]["plot"]

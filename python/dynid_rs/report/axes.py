@@ -44,8 +44,12 @@ def signal_name(signal: str, joints: Sequence[str], unit: str | None = None) -> 
 
 
 def signal_words(signal: str, joints: Sequence[str], short: Mapping[str, str] | None = None) -> str:
-    """``dq_joint_2`` as `speed of joint_2`; `short`: joints as they are called where there is little room."""
+    """``dq_joint_2`` as `speed of joint_2`; `short`: joints as they are called where there is little room.
+
+    Words that fit joints that slide as well: without an axis there is no unit that tells them from those that turn.
+    """
     name, joint = signal_name(signal, joints)
+    name = {"angle": "position", "motor angle": "motor position"}.get(name, name)
     return f"{name} of {(short or {}).get(joint, joint)}" if joint else name
 
 
