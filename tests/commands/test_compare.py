@@ -11,6 +11,8 @@ from helpers.tolerances import EXACT
 from numpy.testing import assert_allclose
 
 from dynid_rs import RobotModel, TorqueModel, read_recording
+from dynid_rs.base.wording import NO_INTERVAL
+from dynid_rs.commands.compare import _show
 from dynid_rs.identification.told_again import compared_in_band
 from dynid_rs.identification.two_models import compare_models
 from dynid_rs.regression.evaluation import band_rmse
@@ -55,6 +57,18 @@ def test_a_model_against_itself_changes_nothing():
     answer = compared(study().output, study().output, study().runs[2])
     assert answer["rmse"]["change_interval"] == [[0.0, 0.0]] * 3
     assert answer["terms"]["a"] == answer["terms"]["b"] == []
+
+
+def test_a_dash_in_the_place_of_an_interval_is_explained(capsys):
+    answer = compared(study().output, study().output, study().runs[2])
+    intervals = answer["rmse"]["a_interval"], answer["rmse"]["b_interval"]
+    for pairs in intervals:
+        pairs[:] = [[0.1, 0.2]] * 3
+    _show(answer)
+    assert NO_INTERVAL not in " ".join(capsys.readouterr().out.split())
+    intervals[1][2] = None
+    _show(answer)
+    assert f"-: {NO_INTERVAL}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_two_results_are_compared_by_their_own_test_runs(plain):

@@ -10,6 +10,8 @@ import typer
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import print_json, run_command
 
+INTERVALS = ("a_interval", "b_interval", "change_interval")
+
 
 @run_command
 def compare(
@@ -114,6 +116,7 @@ def _show(answer: dict[str, Any]) -> None:
     from dynid_rs.base.numbers import change, interval, percent_interval, significant
     from dynid_rs.base.quoting import shown
     from dynid_rs.base.units import torques_said
+    from dynid_rs.base.wording import NO_INTERVAL
     from dynid_rs.commands._console import console
 
     rmse, out = answer["rmse"], console()
@@ -130,6 +133,8 @@ def _show(answer: dict[str, Any]) -> None:
         table.add_row(Text(shown(joint)), significant(one), left, significant(two), right, *moved)
     out.print(Text(f"A: {answer['a']}\nB: {answer['b']}"), soft_wrap=True)
     out.print(table)
+    if rmse["cutoff"] is not None and any(None in rmse[key] for key in INTERVALS):
+        out.print(Text(f"-: {NO_INTERVAL}"))
     if rmse["cutoff"] is None:
         out.print("The change has no interval: results tell their errors, not both at each sample; name runs for one.")
     for place, words in (("a", "only A has"), ("b", "only B has")):
