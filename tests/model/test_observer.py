@@ -30,10 +30,10 @@ def model():
     return dyn.TorqueModel(robot, robot.phi, effects, encoder_delay=[0.0] * N, noise_std=NOISE.tolist(), domain=domain)
 
 
-def motion(duration):
+def motion(duration, late=0.0):
     t = np.arange(0, duration, 1 / RATE)
     w = 2 * np.pi * np.array([0.31, 0.23, 0.37, 0.51, 0.43, 0.61])
-    phase = np.arange(N) + np.multiply.outer(t, w)
+    phase = np.arange(N) + np.multiply.outer(t - late, w)
     return t, np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
 
 
@@ -105,6 +105,34 @@ def test_a_push_has_its_size_and_its_time(model, derivatives):
     assert np.max(error) < (0.02 if derivatives else 0.12) * np.max(np.abs(PUSH))
     assert not found.contact[run.t < 2.0].any()
     assert found.contact[run.t > 2.0 + found.delay + 5 * TIME_CONSTANT].all()
+
+
+@pytest.mark.parametrize(
+    "delays", [[0.0, 0.004, 0.0125, 0.0, 0.02, 0.001], [-0.006] * N, [0.01, -0.004, 0.0125, -0.008, 0.0, -0.0125]]
+)
+def test_every_channel_is_held_against_its_own_time(model, delays):
+    """A late channel shows its joint's motion of before, an early one that of later, for which its torque waits."""
+    late = dyn.TorqueModel(
+        model.robot,
+        model.phi,
+        model.effects,
+        encoder_delay=[0.0] * N,
+        noise_std=NOISE.tolist(),
+        domain=model.domain,
+        step=1 / RATE,
+        torque_delay=delays,
+    )
+    t, q, dq, ddq = motion(4.0)
+    shown = [model.evaluate(*motion(4.0, late=delay)[1:])[0][:, j] for j, delay in enumerate(delays)]
+    run = dyn.Recording(t, q, dq, ddq, np.stack(shown, axis=1) - step_from(2.0)(t)[:, None] * PUSH)
+    found = dyn.MomentumObserver(late, time_constant=TIME_CONSTANT).observe(run)
+    since = np.maximum(np.subtract.outer(t - 2.0 + 0.5 / RATE, np.maximum(0.0, -np.array(delays))), 0)
+    expected = (1 - np.exp(-since / TIME_CONSTANT)) * PUSH
+    slow = np.abs(dq).min(axis=1) < 0.5  # friction's step within a sample is none that a mean of two tells
+    error = np.abs(found.external - expected)[(t > 0.3) & ~slow]
+    assert np.max(error) < 0.02 * np.max(np.abs(PUSH))
+    assert not found.contact[t < 2.0].any()
+    assert found.contact[t > 2.02 + 5 * TIME_CONSTANT].all()
 
 
 def noise_of(rng, n_samples, correlation):

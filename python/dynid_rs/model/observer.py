@@ -79,7 +79,8 @@ class Observation:
     status : ndarray (n_samples,)
         Status bits of the estimator.
     delay : float
-        By how much all of this is late [s]: zero where the run holds dq and ddq, else that of the causal filter.
+        By how much all of this is late [s]: zero where the run holds dq and ddq, else that of the causal filter. A
+        joint whose torque channel is early is later by as much.
     """
 
     t: FloatArray

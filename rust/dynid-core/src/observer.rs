@@ -14,6 +14,8 @@
 //! r' = a r + (1 - a) ((p' - p) / dt - mean of the torques),   a = exp(-dt / T)
 //! ```
 //!
+//! Where a joint's torque channel is later than the others' by d, its p, g and C^T dq are those of d before, as its terms are.
+//!
 //! Thresholds follow from the identified uncertainty. What the model leaves has the standard deviation s (the estimator's, at
 //! this state) and forgets with a correlation time c, so r has, of it,
 //!
@@ -39,6 +41,7 @@ use std::sync::Arc;
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
+use crate::estimator::late::Late;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
@@ -141,6 +144,10 @@ pub struct MomentumObserver {
     before: Memory,
     momentum: Vec<f64>,
     torque: Vec<f64>,
+    /// Gravity, and what the links' momentum drifts by, n values each.
+    of_links: Vec<f64>,
+    /// Where a channel is later than the others: momentum, gravity and drift of the last samples.
+    late: Option<Late>,
     scratch: Vec<f64>,
     std: Vec<f64>,
     external: Vec<f64>,
@@ -178,6 +185,8 @@ impl MomentumObserver {
             },
             momentum: vec![0.0; n],
             torque: vec![0.0; n],
+            of_links: vec![0.0; 2 * n],
+            late: late(&model, model.step().unwrap_or(0.0)).unwrap_or_default(),
             scratch: vec![0.0; n],
             std: vec![0.0; n],
             external: vec![0.0; n],
@@ -188,6 +197,16 @@ impl MomentumObserver {
             deviation: None,
             model,
         })
+    }
+
+    /// The same observer for samples `step` seconds apart, where that is not what the model says.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if `step` is not positive, or so short that the delays between channels ask for too many samples.
+    pub fn with_step(mut self, step: f64) -> Result<Self, CoreError> {
+        check_step(step)?;
+        self.late = late(&self.model, step).ok_or(CoreError::Range { what: "step" })?;
+        Ok(self)
     }
 
     /// The same observer, whose thresholds follow from how far off it is at each state.
@@ -252,8 +271,16 @@ impl MomentumObserver {
         self.contact
     }
 
-    /// The sample before is not compared with the next one: something is missing between them. r stays, and nothing guides.
+    /// The samples before are not compared with the next ones: something is missing between them. r stays, and nothing guides.
     pub fn interrupt(&mut self) {
+        if let Some(late) = &mut self.late {
+            late.reset();
+        }
+        self.pause();
+    }
+
+    /// The sample before is not compared with the next one.
+    fn pause(&mut self) {
         self.before.valid = false;
         self.let_go();
     }
@@ -285,11 +312,16 @@ impl MomentumObserver {
         check_length("terms", estimator.terms(), n * self.model.n_terms())?;
         estimator.predicted_std_into(&mut self.std)?;
         let state = estimator.true_state();
-        self.sum_torques(estimator, &state, tau)?;
-        self.sum_momentum(&state)?;
+        self.sum_torques(estimator, tau);
+        self.sum_links(&state)?;
+        let is_known = self.show(elapsed);
         let numbers = self.momentum.iter().chain(&self.torque);
         if !numbers.into_iter().all(|x| x.abs() < OVERFLOW) {
             self.interrupt();
+            return Ok(());
+        }
+        if !is_known {
+            self.pause();
             return Ok(());
         }
         if self.before.valid && elapsed < LONGEST * self.settings.time_constant {
@@ -315,13 +347,8 @@ impl MomentumObserver {
         Ok(())
     }
 
-    /// Measured torque less all that the model says does not accelerate.
-    fn sum_torques(
-        &mut self,
-        estimator: &TorqueEstimator,
-        state: &State<'_>,
-        tau: &[f64],
-    ) -> Result<(), CoreError> {
+    /// Measured torque less all terms of the model that do not accelerate, but the links'.
+    fn sum_torques(&mut self, estimator: &TorqueEstimator, tau: &[f64]) {
         copy(tau, &mut self.torque);
         let n = tau.len();
         let effects = self.model.effects().iter().map(Some);
@@ -334,9 +361,15 @@ impl MomentumObserver {
                 *torque -= term;
             }
         }
-        let gravity = &mut self.scratch;
-        let zeros = &self.zeros;
+    }
+
+    /// Gravity, momentum of links and rotors, and what the links' momentum drifts by, as the channels' scale shows them.
+    fn sum_links(&mut self, state: &State<'_>) -> Result<(), CoreError> {
         let (robot, phi) = (self.model.robot(), self.model.phi());
+        let momentum = &mut self.momentum;
+        let n = momentum.len();
+        let (gravity, drift) = self.of_links.split_at_mut_checked(n).unwrap_or_default();
+        let zeros = &self.zeros;
         inverse_dynamics_into(
             robot,
             &mut self.workspace,
@@ -346,17 +379,6 @@ impl MomentumObserver {
             phi,
             gravity,
         )?;
-        let scaled = gravity.iter().zip(self.model.torque_scale());
-        for (torque, (gravity, scale)) in self.torque.iter_mut().zip(scaled) {
-            *torque -= scale * gravity;
-        }
-        Ok(())
-    }
-
-    /// Momentum of links and rotors; what the links' momentum drifts by joins the torques.
-    fn sum_momentum(&mut self, state: &State<'_>) -> Result<(), CoreError> {
-        let (robot, phi) = (self.model.robot(), self.model.phi());
-        let (momentum, drift) = (&mut self.momentum, &mut self.scratch);
         momentum_into(
             robot,
             &mut self.momenta,
@@ -366,11 +388,10 @@ impl MomentumObserver {
             momentum,
             drift,
         )?;
-        let scale = self.model.torque_scale();
-        let rows = momentum.iter_mut().zip(drift.iter()).zip(&mut self.torque);
-        for (((momentum, drift), torque), scale) in rows.zip(scale) {
-            *momentum *= scale;
-            *torque += scale * drift;
+        for row in [&mut *momentum, gravity, drift] {
+            for (x, scale) in row.iter_mut().zip(self.model.torque_scale()) {
+                *x *= scale;
+            }
         }
         // Linear in the acceleration with constant coefficients: at the velocity it is the momentum.
         let input = EffectInput {
@@ -392,6 +413,21 @@ impl MomentumObserver {
             }
         }
         Ok(())
+    }
+
+    /// Takes gravity and drift to the torques, of every joint at the time that its channel shows; false while that is not known.
+    fn show(&mut self, elapsed: f64) -> bool {
+        let is_known = self
+            .late
+            .as_mut()
+            .is_none_or(|late| late.show(&mut self.momentum, &mut self.of_links, elapsed));
+        let n = self.torque.len();
+        let (gravity, drift) = self.of_links.split_at_checked(n).unwrap_or_default();
+        for (torque, (gravity, drift)) in self.torque.iter_mut().zip(gravity.iter().zip(drift)) {
+            *torque -= gravity;
+            *torque += drift;
+        }
+        is_known
     }
 
     fn advance(&mut self, elapsed: f64) {
@@ -462,6 +498,11 @@ impl MomentumObserver {
     }
 }
 
+/// Keeps momentum, gravity and drift.
+fn late(model: &TorqueModel, step: f64) -> Option<Option<Late>> {
+    Late::of(model, 0.0, step, 3)
+}
+
 /// The signal of effects that are momentum.
 const ACCELERATION: &str = "ddq_motor";
 
@@ -476,11 +517,14 @@ impl Mirror for MomentumObserver {
         if let (Some(own), Some(of)) = (&mut self.deviation, &of.deviation) {
             own.mirror(of);
         }
+        if let (Some(own), Some(of)) = (&mut self.late, &of.late) {
+            own.mirror(of);
+        }
         mirror_fields!(
             self, of;
-            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest, guide;
+            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, of_links, scratch, std, external, threshold, rest, guide;
             copied settings, contact;
-            kept model, deviation, factors
+            kept model, deviation, factors, late
         );
     }
 }

@@ -16,6 +16,7 @@ use crate::adapt::{Adaptation, Adapted};
 use crate::differentiator::{usual_window, Differentiator};
 use crate::dynamics::check_length;
 use crate::error::CoreError;
+use crate::estimator::late::Late;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
 use crate::observer::MomentumObserver;
@@ -83,6 +84,8 @@ pub struct OnlineEstimator {
     row: Vec<f64>,
     motion: [Vec<f64>; N_MOTION],
     measured: Vec<f64>,
+    /// Holds the measured torque of channels that are early until its state has come.
+    early: Option<Late>,
     /// The motion as it came the time before, and how far each side went since its position changed.
     before: Vec<f64>,
     way: [Vec<f64>; 2],
@@ -121,6 +124,8 @@ impl OnlineEstimator {
     ) -> Result<Self, CoreError> {
         let n = model.robot().n_joints();
         let step_of_model = model.step();
+        let ahead = model.torque_delay().iter().map(|delay| (-delay).max(0.0));
+        let ahead: Vec<f64> = ahead.collect();
         let most_speed = model.domain().dq.iter();
         let most_speed = most_speed.map(|dq| (JUMP * dq).max(LEAST_JUMP)).collect();
         let mut estimator = TorqueEstimator::new(model);
@@ -128,6 +133,7 @@ impl OnlineEstimator {
             estimator = estimator.with_step(step)?;
         }
         let step = step.or(step_of_model).unwrap_or(USUAL_STEP);
+        let early = Late::by(ahead, step, 1).ok_or(CoreError::Range { what: "step" })?;
         let window = window.unwrap_or_else(|| usual_window(step));
         let track = Track::new(Differentiator::new(N_CHANNELS * n, step, window)?);
         Ok(Self {
@@ -139,6 +145,7 @@ impl OnlineEstimator {
             row: vec![0.0; N_CHANNELS * n],
             motion: std::array::from_fn(|_| vec![0.0; n]),
             measured: vec![f64::NAN; n],
+            early,
             before: vec![0.0; N_MOTION * n],
             way: std::array::from_fn(|_| vec![0.0; n]),
             has_before: false,
@@ -197,6 +204,7 @@ impl OnlineEstimator {
         }
         core::mem::swap(&mut self.estimator, &mut new.estimator);
         core::mem::swap(&mut self.most_speed, &mut new.most_speed);
+        core::mem::swap(&mut self.early, &mut new.early);
         if let (Some(new), Some(old)) = (&mut new.observer, &self.observer) {
             new.continue_from(old);
         }
@@ -306,27 +314,40 @@ impl OnlineEstimator {
         status.set(Status::SIGNAL_MISSING, tau.is_none());
         let tau = tau.filter(|_| answered.only(UNUSABLE) == Status::OK);
         let Some(tau) = tau else {
-            if let Some(observer) = &mut self.observer {
-                observer.interrupt();
+            if let Some(early) = &mut self.early {
+                early.reset();
             }
+            self.interrupt();
             return Ok(status.and(self.standing()));
         };
         let raw = tau;
-        let shown = is_direct.then_some(raw);
         let apart = self.track.time - self.observed;
         // Written so that a NaN, before the first sample, is no time either.
         let follows = apart > 0.0;
         let apart = if follows { apart } else { self.step };
         self.observed = self.track.time;
+        if !follows {
+            self.interrupt();
+        }
+        let mut shown = is_direct.then_some(raw);
+        if let Some(early) = &mut self.early {
+            if !follows {
+                early.reset();
+            }
+            if let Some(raw) = shown.take() {
+                copy(raw, &mut self.measured);
+            }
+            if !early.show(&mut self.measured, &mut [], apart) {
+                self.interrupt();
+                return Ok(status.and(self.standing()));
+            }
+        }
         if self.adaptation.is_some() {
             // Without this a friction that has grown would be a contact, in which nothing follows.
             self.take_off_added(shown);
         }
         let tau = shown.unwrap_or(&self.measured);
         if let Some(observer) = &mut self.observer {
-            if !follows {
-                observer.interrupt();
-            }
             let rest = if self.adaptation.is_some() {
                 &self.rest
             } else {
@@ -343,6 +364,13 @@ impl OnlineEstimator {
         }
         let adapted = self.adapt(shown, apart, answered)?;
         Ok(status.and(adapted))
+    }
+
+    /// No torque that is held against the one before.
+    fn interrupt(&mut self) {
+        if let Some(observer) = &mut self.observer {
+            observer.interrupt();
+        }
     }
 
     /// True if something listens to the measured torque.
@@ -439,11 +467,14 @@ impl OnlineEstimator {
         if let (Some(own), Some(of)) = (&mut self.adaptation, &of.adaptation) {
             own.mirror(of);
         }
+        if let (Some(own), Some(of)) = (&mut self.early, &of.early) {
+            own.mirror(of);
+        }
         mirror_fields!(
             self, of;
             estimator, track, suspects, row, motion, measured, before, way, most_speed, tau, rest;
             copied stream, step, has_before, misses, change, adapted, observed;
-            kept observer, watch, adaptation
+            kept observer, watch, adaptation, early
         );
     }
 }

@@ -92,7 +92,9 @@ pub fn adapt_run<'py>(
         .map_or(vec![], |own| vec![f64::NAN; own.n_remembered()]);
     let mut told = Vec::<(usize, Adapted)>::new();
     let mut rows = Along::default();
-    let (samples, n_samples, is_direct) = (run.rows()?, run.len(), run.is_direct());
+    let (samples, n_samples) = (run.rows()?, run.len());
+    let is_held = model.0.torque_delay().iter().any(|delay| *delay < 0.0);
+    let as_it_came = run.is_direct() && !is_held;
     let mut sums: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(n_samples * n));
     let mut status = Vec::with_capacity(n_samples);
     py.detach(|| {
@@ -112,7 +114,7 @@ pub fn adapt_run<'py>(
             tau.extend_from_slice(own.tau());
             let model = own.tau().iter().zip(own.added());
             of_model.extend(model.map(|(tau, added)| tau - added));
-            let shown = sample.tau.filter(|_| is_direct);
+            let shown = sample.tau.filter(|_| as_it_came);
             measured.extend_from_slice(shown.unwrap_or(online.measured()));
             if own.n_rows() > n_rows && own.remember(&mut numbers)? {
                 n_rows = own.n_rows();

@@ -41,8 +41,8 @@ impl OnlineEstimator {
         self.adapted.as_ref()
     }
 
-    /// Measured torque at the state of the last answer, n values, where positions come alone and both were filtered; NaN
-    /// before.
+    /// Measured torque at the state of the last answer, n values, where positions come alone and both were filtered, or a
+    /// channel is early and was held back; NaN before.
     #[must_use]
     pub fn measured(&self) -> &[f64] {
         &self.measured

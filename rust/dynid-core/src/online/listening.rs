@@ -15,7 +15,7 @@ impl OnlineEstimator {
     /// [`CoreError::Range`] if a setting is none.
     pub fn observing(mut self, settings: ObserverSettings) -> Result<Self, CoreError> {
         let model = self.estimator.shared_model();
-        self.observer = Some(MomentumObserver::new(model, settings)?);
+        self.observer = Some(MomentumObserver::new(model, settings)?.with_step(self.step)?);
         Ok(self)
     }
 
