@@ -175,6 +175,35 @@ def test_a_stage_of_two_joints_sticks_whichever_way_it_adds_their_speeds(model, 
     np.testing.assert_allclose(both[4:] - alone[4:], level[4:, 0], rtol=0.1)
 
 
+def test_a_joint_that_stands_holds_what_its_friction_under_load_may(model):
+    """The arm sinks, stops twice, and friction holds on to what it was while it slid."""
+    width, share = 0.005, 0.1
+    loaded = _core.Effect.of("load_dependent_friction", transition_width=[width] * N, sharpness=[2.5] * N)
+    shares = np.column_stack([np.full(N, share), np.zeros(N)])
+    arm = dyn.TorqueModel(
+        model.robot,
+        model.phi,
+        [*model.effects, (loaded, shares)],
+        encoder_delay=[0.0] * N,
+        noise_std=NOISE.tolist(),
+        domain=model.domain,
+    )
+    t = np.arange(0, 6, 1 / RATE)
+    speed = np.maximum(0, 0.4 * np.sin(np.pi * t)) ** 2
+    reach = np.array([0.3, 0.5, 0.4, 0.6, 0.3, 0.2])
+    path = np.cumsum(speed) / RATE
+    q = np.array([0.0, -1.2, 0.6, 0.0, 0.5, 0.0]) + np.outer(path, reach)
+    dq, ddq = np.outer(speed, reach), np.outer(np.gradient(speed, t), reach)
+    tau = arm.evaluate(q, np.maximum(dq, 4 * width), ddq)[0]
+    found = dyn.MomentumObserver(arm, time_constant=TIME_CONSTANT).observe(dyn.Recording(t, q, dq, ddq, tau))
+    assert not found.contact[t > 0.1].any()
+    load = np.abs(model.robot.inverse_dynamics(q, dq, ddq))
+    stands = (speed == 0.0) & (t > 1)
+    unloaded = dyn.MomentumObserver(model, time_constant=TIME_CONSTANT).observe(dyn.Recording(t, q, dq, ddq, tau))
+    more = (found.threshold - unloaded.threshold)[stands]
+    np.testing.assert_allclose(more, share * load[stands], rtol=0.1, atol=1e-9)
+
+
 def test_what_does_not_fit_is_refused(model):
     run = recording(model, 1.0)
     observer = dyn.MomentumObserver(model)

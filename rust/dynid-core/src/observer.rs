@@ -45,8 +45,8 @@ use crate::estimator::late::Late;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
-use crate::rest::at_rest;
 pub(crate) use crate::rest::rest_speeds;
+use crate::rest::{at_rest, of_load};
 use crate::slices::{copy, mirror_fields, rows, Mirror};
 use crate::state::State;
 use crate::uncertainty::{Deviation, Doing, Uncertainty};
@@ -136,8 +136,12 @@ pub struct MomentumObserver {
     factors: Vec<f64>,
     workspace: Workspace,
     momenta: MomentumWorkspace,
-    /// Torque that remains of a joint that stands, and the speed below which it may.
+    /// Torque that remains of a joint that stands without load, and the speed below which it may.
     at_rest: Vec<[f64; 2]>,
+    /// Friction that grows with the load, and the speed of every joint at which its step is passed.
+    of_load: Vec<(usize, Vec<f64>)>,
+    /// Torque that remains of a joint that stands, with what its load adds.
+    holds: Vec<f64>,
     /// Time since each joint moved slowly \[s\].
     since_rest: Vec<f64>,
     zeros: Vec<f64>,
@@ -169,13 +173,20 @@ impl MomentumObserver {
     pub fn new(model: Arc<TorqueModel>, settings: ObserverSettings) -> Result<Self, CoreError> {
         settings.check()?;
         let n = model.robot().n_joints();
-        let at_rest = at_rest(&model);
+        let (mut at_rest, of_load) = (at_rest(&model), of_load(&model));
+        for (_, speeds) in &of_load {
+            for ([_, speed], own) in at_rest.iter_mut().zip(speeds) {
+                *speed = speed.max(*own);
+            }
+        }
         Ok(Self {
             factors: vec![settings.threshold_factor(n); n],
             settings,
             workspace: Workspace::new(model.robot()),
             momenta: MomentumWorkspace::new(model.robot()),
             at_rest,
+            of_load,
+            holds: vec![0.0; n],
             since_rest: vec![0.0; n],
             zeros: vec![0.0; n],
             before: Memory {
@@ -330,6 +341,7 @@ impl MomentumObserver {
         copy(&self.momentum, &mut self.before.momentum);
         copy(&self.torque, &mut self.before.torque);
         self.before.valid = true;
+        self.sum_rest(&state, estimator.tau_link());
         self.judge(state.dq_motor, elapsed);
         if let Some(deviation) = &mut self.deviation {
             let (slow, time) = (&self.at_rest, self.settings.time_constant);
@@ -443,14 +455,43 @@ impl MomentumObserver {
         }
     }
 
+    /// What joints may hold that stand at this state.
+    fn sum_rest(&mut self, state: &State<'_>, tau_link: &[f64]) {
+        for (holds, [torque, _]) in self.holds.iter_mut().zip(&self.at_rest) {
+            *holds = *torque;
+        }
+        for (place, speeds) in &self.of_load {
+            let Some(effect) = self.model.effects().get(*place) else {
+                continue;
+            };
+            // Half of the step is what there is on one side: friction that grows with the load is the same on both.
+            let input = EffectInput {
+                state: State {
+                    dq: speeds,
+                    dq_motor: speeds,
+                    ..*state
+                },
+                tau_link,
+                tau_motor: &self.zeros,
+                step: 0.0,
+                sign: None,
+            };
+            effect.torque_into(&input, &mut [], &mut self.scratch);
+            for (holds, own) in self.holds.iter_mut().zip(&self.scratch) {
+                *holds += own.abs();
+            }
+        }
+    }
+
     fn judge(&mut self, dq_motor: &[f64], elapsed: f64) {
         let gain = self.settings.noise_gain();
         let remembered = REST_MEMORY * self.settings.time_constant;
-        let joints = self.at_rest.iter().zip(dq_motor).zip(&mut self.since_rest);
+        let joints = self.at_rest.iter().zip(&self.holds);
+        let joints = joints.zip(dq_motor).zip(&mut self.since_rest);
         let outputs = self.threshold.iter_mut().zip(&mut self.rest);
         let known = self.std.iter().zip(&self.factors);
         let outputs = outputs.zip(known);
-        for ((([torque, speed], dq), since), ((threshold, rest), (std, factor))) in
+        for (((([_, speed], holds), dq), since), ((threshold, rest), (std, factor))) in
             joints.zip(outputs)
         {
             *since = if dq.abs() <= *speed {
@@ -458,7 +499,7 @@ impl MomentumObserver {
             } else {
                 *since + elapsed
             };
-            *rest = if *since < remembered { *torque } else { 0.0 };
+            *rest = if *since < remembered { *holds } else { 0.0 };
             *threshold = factor * gain * std + *rest;
         }
     }
@@ -522,9 +563,9 @@ impl Mirror for MomentumObserver {
         }
         mirror_fields!(
             self, of;
-            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, of_links, scratch, std, external, threshold, rest, guide;
+            workspace, momenta, at_rest, holds, since_rest, zeros, before, momentum, torque, of_links, scratch, std, external, threshold, rest, guide;
             copied settings, contact;
-            kept model, deviation, factors, late
+            kept model, deviation, factors, late, of_load
         );
     }
 }

@@ -67,6 +67,11 @@ impl TorqueEstimator {
         &self.own.total
     }
 
+    /// Rigid-body torque of the last step before the channel's scale (n values), as [`Self::true_state`].
+    pub(crate) fn tau_link(&self) -> &[f64] {
+        &self.own.tau_link
+    }
+
     /// Squares of what [`Self::predicted_std_into`] writes (n values).
     pub(crate) fn predicted_variance(&self) -> &[f64] {
         &self.own.variance
