@@ -189,6 +189,28 @@ def test_positions_alone_are_followed_too():
     assert after[1] < before[1]
 
 
+@pytest.mark.parametrize("delays", [[0.02] * 6, [0.0, 0.0, 0.02, 0.0, 0.0, 0.0]])
+def test_as_long_as_a_late_channel_is_not_reached_the_oldest_state_is_answered(delays):
+    plain = model()
+    late = dyn.TorqueModel(
+        plain.robot,
+        plain.phi,
+        plain.effects,
+        encoder_delay=plain.encoder_delay,
+        noise_std=plain.noise_std,
+        domain=plain.domain,
+        step=STEP,
+        torque_delay=delays,
+    )
+    run = recorded(1.0, 4701)
+    expected, _, status = late.evaluate(run.q, run.dq, run.ddq)
+    followed = Adaptation(late).adapt(run)
+    np.testing.assert_array_equal(followed.status, status)
+    held = status != 0
+    assert np.count_nonzero(held) == 10
+    np.testing.assert_allclose(followed.tau[held], expected[held], rtol=1e-12)
+
+
 def test_nothing_moves_much_where_nothing_has_changed():
     run = recorded(300.0, 4601)
     followed = Adaptation(model(), ("friction", "payload"), mass=5.0, watch=watching()).adapt(run)

@@ -44,10 +44,11 @@ const LEAST_JUMP: f64 = 100.0;
 /// A measured torque beyond it is no number: squares of what is left of it have to be numbers too \[torque unit\].
 const LARGEST_TORQUE: f64 = 1e100;
 
-/// There is no new torque at such a step.
-const UNUSABLE: Status = Status::NON_FINITE
-    .and(Status::REPEATED)
-    .and(Status::SETTLING);
+/// The last good torque is repeated at such a step.
+const REPEATS: Status = Status::NON_FINITE.and(Status::REPEATED);
+
+/// No state of such a step belongs to the measured torque.
+const UNUSABLE: Status = REPEATS.and(Status::SETTLING);
 
 /// The model was not trained on such a state, or does not see all of it.
 const ELSEWHERE: Status = Status::OUTSIDE_DOMAIN

@@ -1,6 +1,6 @@
 //! A stream whose answers follow the arm: the model's torque, and what its friction and its load have become.
 
-use super::{OnlineEstimator, ELSEWHERE, UNUSABLE};
+use super::{OnlineEstimator, ELSEWHERE, REPEATS};
 use crate::adapt::{AdaptSettings, Adaptation, Adapted};
 use crate::error::CoreError;
 use crate::estimator::Status;
@@ -51,7 +51,7 @@ impl OnlineEstimator {
     /// What is answered: the model's torque, and with an adaptation what that adds.
     pub(super) fn correct(&mut self, answered: Status) -> Result<(), CoreError> {
         if let Some(adaptation) = &mut self.adaptation {
-            if answered.only(UNUSABLE) == Status::OK {
+            if answered.only(REPEATS) == Status::OK {
                 adaptation.correct(&self.estimator, &self.tau)?;
             }
         }
