@@ -9,12 +9,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.boundary_calls import Call, calls
 from helpers.data import ROOT
 from helpers.spoiled import ENDLESS, LONGEST, NO_ARRAYS, REFUSALS, as_array, outcome, spoiled_arrays
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+from dynid_rs import _core
 
 N_EXAMPLES = int(os.environ.get("DYNID_BOUNDARY_EXAMPLES", "12"))
 """Per function; more by hand."""
@@ -106,3 +109,14 @@ def test_spoiled_arguments_are_refused_with_a_sentence(name: str, known: dict[st
 
     if call.arguments:
         refused()
+
+
+def test_rows_in_lists_are_taken_as_arrays_are() -> None:
+    rows = [[1.0, 2.0], [3.0, 4.0], [5.0, 7.0]]
+    functions: list[Callable[[Any], Any]] = [
+        lambda x: _core.low_pass(x, None),
+        lambda x: _core.slope(x, 10.0),
+        _core.extent,
+    ]
+    for function in functions:
+        np.testing.assert_array_equal(function(rows), function(np.array(rows)))

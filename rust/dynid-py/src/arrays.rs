@@ -70,9 +70,9 @@ pub fn any_matrix<'py>(
 /// Number of columns of a matrix named `name`.
 ///
 /// # Errors
-/// `ValueError` if it is not two-dimensional or has no column.
+/// `ValueError` if it is not two-dimensional or has no column, `TypeError` if it is no array of numbers.
 pub fn width(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
-    match value
+    match contiguous(value, name)?
         .getattr("shape")
         .and_then(|shape| shape.extract::<(usize, usize)>())
     {
