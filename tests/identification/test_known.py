@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import jsonschema
 import numpy as np
@@ -14,7 +15,7 @@ from helpers.small_arm import N_RUNS, URDF, as_current, dynid, refusal, run, wri
 from sklearn.base import clone
 
 from dynid_rs import DataError, Recording, RobotModel, TorqueModel, _core
-from dynid_rs.identification.separability import examine
+from dynid_rs.identification.separability import examine, not_separable
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.terms import read_terms
 
@@ -147,6 +148,21 @@ def test_a_term_that_rich_data_tells_is_called_separable(command):
     assert not [f for f in result["data"]["findings"] if f["code"] == "not_separable"]
     # without it the base parameters do not make up for it
     assert entry["rmse_test_alone"]["without"] > 1.1 * entry["rmse_test_alone"]["with"]
+
+
+def test_a_term_that_the_runs_cannot_tell_is_said_of_an_arm_whose_links_are_not_declared():
+    """A cylinder on a short crank is gravity's torque; the arm's file has nothing that a prior could be centred on."""
+    bare = RobotModel.from_urdf_string(re.sub("<inertial>.*?</inertial>", "", URDF, flags=re.DOTALL))
+    shape = SHAPE | {"a": 4.0, "b": 0.01, "gas_length": 6.0}
+    effect = _core.Effect.of("counterbalance", **{name: [value] * 3 for name, value in shape.items()})
+    crank = effect, np.array([[0.0], [600.0], [0.0]])
+    identifier = ThreeLoopIdentifier(bare, known=[crank], residual=None).fit([recording_of(0), recording_of(1)])
+    entries = examine(identifier, [identifier.states(recording_of(2))])
+    assert identifier.links_.posterior_ is not None
+    assert "with_prior" not in entries[0]
+    (finding,) = not_separable(entries, prior_used=True)
+    assert finding.severity == "warning"
+    assert "cannot separate the counterbalance of elbow" in finding.message
 
 
 def test_the_standard_error_of_the_size_is_that_of_a_fit(robot):

@@ -186,7 +186,8 @@ def not_separable(entries: Sequence[dict[str, Any]], *, prior_used: bool) -> lis
     for entry in entries:
         message = sentence(entry, prior_used)
         if message is not None:
-            severity: Severity = "info" if prior_used and entry["with_prior"]["separable"] else "warning"
+            under = entry.get("with_prior")  # none where the robot file says nothing of the links
+            severity: Severity = "info" if prior_used and under and under["separable"] else "warning"
             findings.append(Finding("not_separable", severity, message))
     return findings
 
