@@ -15,6 +15,7 @@ from helpers.small_arm import N_RUNS, URDF, as_current, dynid, refusal, run, wri
 from sklearn.base import clone
 
 from dynid_rs import DataError, Recording, RobotModel, TorqueModel, _core
+from dynid_rs.commands._identifier import chosen_laws
 from dynid_rs.identification.separability import examine, not_separable
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.terms import read_terms
@@ -163,6 +164,26 @@ def test_a_term_that_the_runs_cannot_tell_is_said_of_an_arm_whose_links_are_not_
     (finding,) = not_separable(entries, prior_used=True)
     assert finding.severity == "warning"
     assert "cannot separate the counterbalance of elbow" in finding.message
+
+
+def test_laws_of_friction_are_compared_beside_known_terms(robot):
+    """Friction that falls with speed and is known: what is left of the elbow's needs no such law."""
+    size = np.array([[0.0, 0.0], [8.0, 8.0], [0.0, 0.0]])
+    falling = {"stribeck_velocity": [0.15] * 3, "exponent": [1.0] * 3, "transition_width": [0.01] * 3}
+    effect = _core.Effect.of("stribeck", **falling)
+
+    def with_stribeck(k):
+        columns = run(k, velocity=True)
+        q, dq, tau = (np.stack([columns[f"{name}_{j}"] for j in range(3)], axis=1) for name in ("q", "dq", "tau"))
+        rest = np.zeros_like(q)
+        tau = tau + _core.effect_torque(effect, size, q, dq, rest, q, dq, rest, step=1 / 200)
+        return Recording(columns["t"], q, None, None, tau, name=f"run_{k}")
+
+    runs = [with_stribeck(k) for k in range(N_RUNS)]
+    unknown = ThreeLoopIdentifier(robot, residual=None)
+    known = ThreeLoopIdentifier(robot, residual=None, known=[(effect, size)])
+    assert chosen_laws(unknown, runs)[ELBOW] == "stribeck"
+    assert chosen_laws(known, runs) == ("coulomb_viscous",) * 3
 
 
 def test_the_standard_error_of_the_size_is_that_of_a_fit(robot):

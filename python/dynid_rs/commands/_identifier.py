@@ -81,7 +81,12 @@ def chosen_laws(identifier: Any, train: list[Recording], slow: list[Recording] |
 
     from dynid_rs.identification.law_comparison import choose_friction_laws
 
-    options = {"links": identifier.links, "cutoff": identifier.cutoff, "friction_recording": slow}
+    options = {
+        "links": identifier.links,
+        "known": identifier.known,
+        "cutoff": identifier.cutoff,
+        "friction_recording": slow,
+    }
     with threadpool_limits(limits=1, user_api="blas"):
         return choose_friction_laws(identifier.robot, train, **options)
 
