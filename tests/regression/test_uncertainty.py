@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.small_arm import URDF
 from numpy.testing import assert_allclose
 from threadpoolctl import threadpool_limits
 
@@ -141,3 +142,35 @@ def test_a_column_that_no_row_holds_stays_zero_in_the_covariance():
     wanted = np.zeros((3, 3))
     wanted[np.ix_([0, 2], [0, 2])] = np.linalg.inv(rows[:, [0, 2]].T @ rows[:, [0, 2]])
     assert_allclose(_inverse(rows), wanted, rtol=0, atol=1e-12)
+
+
+def currents(robot, seed):
+    """Recordings [A] of three slow sines per joint, with noise of draw `seed`; rigid links, Coulomb and viscous."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 12.0, 0.005)
+    gain = np.array([20.0, 15.0, 6.0])
+    for k, phases in enumerate(np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 3))):
+        w = 2 * np.pi * np.array([0.13, 0.31, 0.47])
+        angle = t[:, None, None] * w + phases
+        q, dq, ddq = (0.4 * np.sum(x, axis=2) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
+        tau = robot.inverse_dynamics(q, dq, ddq, robot.phi) + [4.0, 3.0, 1.0] * np.tanh(dq / 0.02) + dq
+        noise = rng.normal(size=tau.shape) * [1.0, 1.0, 0.5]
+        yield Recording(t, q, tau=(tau + noise) / gain, name=f"run_{k}", torque_unit="A")
+
+
+@pytest.mark.parametrize("prior", ["auto", "robot", None])
+def test_intervals_cover_where_the_gains_of_currents_are_fitted(prior):
+    """The links behind a joint whose gain is unknown are no better known than it."""
+    robot = RobotModel.from_urdf_string(URDF)
+    truth, inside, as_if_known = robot.base_parameters().project(robot.phi) / 20.0, [], []
+    for seed in range(25):
+        links = LinkDynamicsIdentifier(prior=prior)
+        fit = ThreeLoopIdentifier(robot, links=links, friction_law="coulomb_viscous", residual=None)
+        fit.fit(list(currents(robot, seed)))
+        error = np.abs(fit.links_.phi_base_ - truth)
+        for hits, known in ((inside, False), (as_if_known, True)):
+            std = np.sqrt(np.diag(fit.parameter_covariance(gains_known=known)))[: len(truth)]
+            hits.append((error <= NORMAL_95 * std)[std > 0])
+    heaviest = 1  # the elbow's first moment, which its gravity tells but for the gain
+    assert np.mean(as_if_known, axis=0)[heaviest] < 0.5
+    assert np.mean(inside, axis=0).min() >= 0.8, np.mean(inside, axis=0)
+    assert np.mean(inside) >= 0.93

@@ -80,7 +80,7 @@ class Reduction:
             identifier.loops_.data.known,
             in_memory.links,
             third if kept else None,
-            noise_spectra(in_memory.observations, in_memory.links, identifier.runs_),
+            noise_spectra(in_memory.observations, in_memory.links, identifier.runs_, identifier.loops_.gains),
         )
 
     def widths(self, name: str) -> list[int]:

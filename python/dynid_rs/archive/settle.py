@@ -32,8 +32,8 @@ class Settled:
         Of the model, less the third loop's torque.
     stages : list of TorqueModel
         Baseline, it with the first loop's friction, both loops, all three.
-    covariance : ndarray (n_columns, n_columns)
-        Of all unknowns: columns of all runs, the noise's spectrum from the sample.
+    covariance, gains_known : ndarray (n_columns, n_columns)
+        Of all unknowns: columns of all runs, the noise's spectrum from the sample; the same at known gains.
     rmse : ndarray (n_joints,)
         What the model leaves of all runs [torque unit].
     """
@@ -60,7 +60,11 @@ class Settled:
         ]
         self.rmse = self._rmse()
         factors = [_core.triangular_factor(np.ascontiguousarray(joint[:, :-1])) for joint in totals.joints("model")]
-        self.covariance = covariance_of_products(plans["model"], self.links, factors, totals.noise_products())
+        products = totals.noise_products()
+        self.covariance, self.gains_known = (
+            covariance_of_products(plans["model"], self.links, factors, products, gains=gains)
+            for gains in (self._loops.gains, None)
+        )
 
     def _fit(self, sample: LinkDynamicsIdentifier, observations: Observations) -> LinkDynamicsIdentifier:
         links = copy(sample)
@@ -111,5 +115,5 @@ def settled(identifier: ThreeLoopIdentifier, totals: Totals) -> tuple[ThreeLoopI
     fit, whole = Settled(identifier, totals), copy(identifier)
     whole.observations_, whole.links_ = fit.observations, fit.links
     whole.baseline_, whole.friction_model_, whole.two_loop_model_, whole.model_ = fit.stages
-    whole.take_covariance(fit.covariance)
+    whole.take_covariance(fit.covariance, fit.gains_known)
     return whole, fit.rmse

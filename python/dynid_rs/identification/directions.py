@@ -65,7 +65,7 @@ def parameter_directions(identifier: ThreeLoopIdentifier, *, random_state: int =
     ValueError
         The identifier is not fitted.
     """
-    covariance = identifier.parameter_covariance()
+    covariance = identifier.parameter_covariance(gains_known=True)
     links, plan = identifier.links_, identifier.observations_.plan
     return directions_of(covariance, plan, identifier.model_, links.noise_std_, random_state=random_state)
 

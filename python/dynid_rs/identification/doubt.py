@@ -54,7 +54,7 @@ class Doubt:
         ValueError
             The identifier is not fitted.
         """
-        covariance = identifier.parameter_covariance()
+        covariance = identifier.parameter_covariance(gains_known=True)
         plan = identifier.observations_.plan
         return Doubt(plan.pivots, tuple(effect.n_columns for effect in plan.effects), covariance)
 

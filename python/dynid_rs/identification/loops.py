@@ -32,6 +32,7 @@ from dynid_rs.model.placed import PlacedEffect, effects_of
 from dynid_rs.regression.columns import Observations, Plan, make_plan, observe
 from dynid_rs.regression.evaluation import rmse as rms
 from dynid_rs.regression.kept_columns import kept_answer
+from dynid_rs.regression.scales import Gains, free_scales
 from dynid_rs.regression.systems import block_residuals
 from dynid_rs.runs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
@@ -95,6 +96,13 @@ class Loops:
         self._fresh: Observations | None = None
         self._changed: list[int] | None = None  # joints whose torque the third loop has changed; at first all are new
         self._near = False  # whether the prior and what samples are worth come from an earlier fit
+
+    @property
+    def gains(self) -> Gains | None:
+        """Gains that are fitted beside all else; None where the torque channels' are given."""
+        in_ampere = self.data.in_ampere
+        free = free_scales(self.robot.n_joints, in_ampere, self.free_gains)
+        return Gains(free, in_ampere) if in_ampere or free.any() else None
 
     @property
     def third_loop_kept(self) -> bool:

@@ -132,6 +132,7 @@ def _summarise(
     robot = identifier.robot
     train_states, test_states = [run.states for run in train], [run.states for run in test]
     doubt = Doubt.of(identifier)
+    covariance = doubt.covariance if identifier.loops_.gains is None else identifier.parameter_covariance()
     tested = Scores([run.comparison for run in test])
     baseline = score(identifier.baseline_, test_states)
     whole = [run.states.band.apply(run.states.tau - run.total, run.states.rate)[run.states.grid] for run in test]
@@ -187,7 +188,7 @@ def _summarise(
         "unexplained": [],
         "residual": _residual(identifier, test_states, tested),
         "encoder_delay": _encoder_delay(identifier),
-        "parameters": _parameters(identifier, doubt.covariance),
+        "parameters": _parameters(identifier, covariance),
         "base_parameters": _base(identifier),
         # Of a model that is not the one that was fitted nothing is known.
         "covariance": doubt.to_json() if doubt.is_of(identifier.model_, identifier.links_.phi_base_) else None,

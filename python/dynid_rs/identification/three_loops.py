@@ -130,7 +130,7 @@ class ThreeLoopIdentifier(RunRegressor):
         Of the three loops.
     """
 
-    _covariance: FloatArray | None
+    _covariance: tuple[FloatArray, FloatArray] | None
 
     def __init__(
         self,
@@ -319,16 +319,22 @@ class ThreeLoopIdentifier(RunRegressor):
         )
         return self.loops_.model(plan, links, links.own_, kept)
 
-    def parameter_covariance(self) -> FloatArray:
-        """Covariance of all unknowns of the second loop, (n_columns, n_columns), as in `regression/uncertainty.py`."""
-        check_is_fitted(self, "links_")
-        if self._covariance is None:
-            return parameter_covariance(self.observations_, self.links_, self.runs_)
-        return self._covariance
+    def parameter_covariance(self, *, gains_known: bool = False) -> FloatArray:
+        """Covariance of all unknowns of the second loop, (n_columns, n_columns), as in `regression/uncertainty.py`.
 
-    def take_covariance(self, covariance: FloatArray) -> None:
-        """Use a covariance that was found from more than `runs_`."""
-        self._covariance = covariance
+        Gains of torque channels that were fitted beside them (of currents all but the first) are unknowns too. With
+        `gains_known` they are those of the model: its torque is off by no more than that, for a gain that is too large
+        goes with links that are too light.
+        """
+        check_is_fitted(self, "links_")
+        if self._covariance is not None:
+            return self._covariance[gains_known]
+        gains = None if gains_known else self.loops_.gains
+        return parameter_covariance(self.observations_, self.links_, self.runs_, gains=gains)
+
+    def take_covariance(self, covariance: FloatArray, gains_known: FloatArray) -> None:
+        """Use a covariance that was found from more than `runs_`, and the one at known gains."""
+        self._covariance = covariance, gains_known
 
     def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
         taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)

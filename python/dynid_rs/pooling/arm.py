@@ -184,7 +184,7 @@ class ArmEstimate:
             own_names=tuple(name for effect in plan.effects for name in effect.coefficient_names),
             estimable=plan.estimable(),
             x=np.asarray(links.x_),
-            covariance=identifier.parameter_covariance(),
+            covariance=identifier.parameter_covariance(gains_known=True),
             gain_response=gain_response(identifier),
             regrouping=_regrouping(plan),
             friction=(effect.kind, tuple((key, tuple(values)) for key, values in effect.shape)),

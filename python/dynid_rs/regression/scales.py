@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,16 @@ FloatArray = NDArray[np.float64]
 SCALE_SPREAD = 0.5
 """How far the logarithms of drive gains lie from the first joint's: a weak prior for joints whose own load says
 little."""
+
+
+class Gains(NamedTuple):
+    """Which gains a fit found beside all else: torque channels' of `joints` (n_joints,), and the torque's `unit`.
+
+    Of currents the unit's multiple of N m is unknown, in which the robot file's inertials are.
+    """
+
+    joints: NDArray[np.bool_]
+    unit: bool
 
 
 def free_scales(n_joints: int, fit_scale: bool, free_gains: Sequence[int]) -> NDArray[np.bool_]:

@@ -17,10 +17,12 @@ from dynid_rs.base.memory import flat_top
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.fitted import FittedLinks
 from dynid_rs.regression.kept_columns import effect_rows
+from dynid_rs.regression.scales import SCALE_SPREAD, Gains
 from dynid_rs.regression.systems import block_residuals
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 WIDTH_STEP = 0.02
 """Relative step of the width's derivative."""
@@ -29,18 +31,23 @@ NORMAL_95 = 1.959963984540054
 
 
 def parameter_covariance(
-    observations: Observations, links: FittedLinks, runs: Sequence[States], *, fitted_widths: bool = True
+    observations: Observations,
+    links: FittedLinks,
+    runs: Sequence[States],
+    *,
+    fitted_widths: bool = True,
+    gains: Gains | None = None,
 ) -> FloatArray:
     """Covariance of all unknowns (n_columns, n_columns); zeros for those that were not estimated.
 
-    Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`. Where
-    a ridge was used, this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds and
-    torque scales count as known, residuals of different joints as uncorrelated.
+    Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`; so do the
+    torque channels' `gains`, or as known without. Where a ridge was used, this is the covariance without it: wider,
+    because the ridge's bias is not in it. Thresholds count as known, residuals of different joints as uncorrelated.
 
     Under a prior P of the inertials the truth is as far from its mean as it says: ``B (sum_j C_j' Gamma_j C_j + P) B``
     with ``B = (sum_j w_j C_j' C_j + P)^-1``.
     """
-    fit = _Weighed(observations, links, runs, fitted_widths)
+    fit = _Weighed(observations, links, runs, fitted_widths, gains)
     meat = fit.pull.T @ fit.pull
     for j, (places, grids) in enumerate(fit.columns):
         noise = fit.noise(j)
@@ -49,31 +56,41 @@ def parameter_covariance(
     return _of_all_unknowns(fit.bread @ meat @ fit.bread, fit.used)
 
 
-def noise_spectra(observations: Observations, links: FittedLinks, runs: Sequence[States]) -> list[NoiseSpectrum]:
+def noise_spectra(
+    observations: Observations, links: FittedLinks, runs: Sequence[States], gains: Gains | None = None
+) -> list[NoiseSpectrum]:
     """Spectrum of every joint's noise, as `parameter_covariance` takes it."""
-    fit = _Weighed(observations, links, runs, fitted_widths=True)
+    fit = _Weighed(observations, links, runs, fitted_widths=True, gains=gains)
     return [fit.noise(j) for j in range(observations.plan.robot.n_joints)]
 
 
 def covariance_of_products(
-    plan: Plan, links: FittedLinks, factors: Sequence[FloatArray], products: Sequence[FloatArray]
+    plan: Plan,
+    links: FittedLinks,
+    factors: Sequence[FloatArray],
+    products: Sequence[FloatArray],
+    *,
+    gains: Gains | None = None,
 ) -> FloatArray:
     """`parameter_covariance` without the rows: from every joint's factor and its ``C_j' Gamma_j C_j`` (k, k).
 
     Both in the columns ``[own | base | width_slope]`` of the joint, k of them, torque scales not applied.
     """
     used, weights = plan.estimable(), row_weights(links)
-    width = int(used.sum()) + plan.robot.n_joints
-    pull = _prior_rows(links, used, width)
-    places, stacked, meat = [], [pull], pull.T @ pull
+    n, n_used = plan.robot.n_joints, int(used.sum())
+    pull = _prior_rows(links, used, n_used + n, gains)
+    stacked, meat = [pull], pull.T @ pull
     for j, (R, product) in enumerate(zip(factors, products, strict=True)):
         known, at, factor = _known_columns(plan, links, j, used)
-        kept, scale = np.append(known, True), np.append(factor, 1.0)
-        places.append(np.append(at, int(used.sum()) + j))
-        wide = np.zeros((len(R), width))
-        wide[:, places[j]] = np.sqrt(weights[j]) * R[:, kept] * scale
+        kept, places = np.append(known, True), np.append(at, n_used + j)
+        across = np.diag(np.append(factor, 1.0))
+        if gains is not None and gains.joints[j]:
+            places = np.append(places, n_used + n + j)
+            across = np.column_stack([across, across @ np.append(_load(plan, links, j, known), 0.0)])
+        wide = np.zeros((len(R), pull.shape[1]))
+        wide[:, places] = np.sqrt(weights[j]) * R[:, kept] @ across
         stacked.append(wide)
-        meat[np.ix_(places[j], places[j])] += weights[j] ** 2 * (product[np.ix_(kept, kept)] * np.outer(scale, scale))
+        meat[np.ix_(places, places)] += weights[j] ** 2 * (across.T @ product[np.ix_(kept, kept)] @ across)
     bread = _inverse(np.concatenate(stacked))
     return _of_all_unknowns(bread @ meat @ bread, used)
 
@@ -103,13 +120,17 @@ class _Weighed:
         links: FittedLinks,
         runs: Sequence[States],
         fitted_widths: bool,
+        gains: Gains | None = None,
     ) -> None:
         plan = observations.plan
         n = plan.robot.n_joints
         self.weights = row_weights(links)
         self.used = plan.estimable()
+        shapes = int(self.used.sum()) + n * fitted_widths
         self.columns = [_columns(observations, links, runs, j, self.used, fitted_widths) for j in range(n)]
-        self.pull = _prior_rows(links, self.used, int(self.used.sum()) + n * fitted_widths)
+        for j in [] if gains is None else np.flatnonzero(gains.joints).tolist():
+            self.columns[j] = _with_gain(plan, links, j, self.used, self.columns[j], shapes + j)
+        self.pull = _prior_rows(links, self.used, shapes, gains)
         self.bread = _bread(self.columns, np.sqrt(self.weights), self.pull)
         self._residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
         self._masks = _on_grid(observations, runs, _counted(observations))
@@ -145,6 +166,28 @@ def _columns(
         change[states.moving[states.grid]] = width_slope(plan, states, j, coefficients)
         widened.append(np.column_stack([grid, change]))
     return np.append(places, int(used.sum()) + j), widened
+
+
+def _with_gain(
+    plan: Plan,
+    links: FittedLinks,
+    j: int,
+    used: BoolArray,
+    columns: tuple[NDArray[np.intp], list[FloatArray]],
+    place: int,
+) -> tuple[NDArray[np.intp], list[FloatArray]]:
+    """`_columns` of joint j, and the torque's change with the logarithm of its channel's gain at `place`."""
+    places, grids = columns
+    known, at, _ = _known_columns(plan, links, j, used)
+    load = _load(plan, links, j, known)
+    return np.append(places, place), [np.column_stack([grid, grid[:, : len(at)] @ load]) for grid in grids]
+
+
+def _load(plan: Plan, links: FittedLinks, j: int, known: BoolArray) -> FloatArray:
+    """Coefficients of joint j's known columns that make its links' torque, (n_known,): zero for its own."""
+    x = np.where(np.arange(len(known)) < plan.n_own, 0.0, links.x_[plan.unknowns(j)])
+    load: FloatArray = x[known]
+    return load
 
 
 def _known_columns(
@@ -186,12 +229,23 @@ def law_slopes(friction: _core.Effect, states: States, j: int, coefficients: Flo
     return result
 
 
-def _prior_rows(links: FittedLinks, used: NDArray[np.bool_], width: int) -> FloatArray:
-    """Root of the prior's precision in the columns in use, (rank, width); no rows without one."""
-    if links.posterior_ is None:
-        return np.zeros((0, width))
-    rows = links.posterior_.pull[:, :-1][:, used]
-    return np.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+def _prior_rows(links: FittedLinks, used: NDArray[np.bool_], width: int, gains: Gains | None = None) -> FloatArray:
+    """Root of the prior's precision in the columns in use, (rank, width); no rows without one.
+
+    Behind them, where `gains` were fitted, stand the logarithms of all joints' and of the unit: of the former is known
+    what the fit takes for known, of the latter nothing.
+    """
+    rows = np.zeros((0, width))
+    if links.posterior_ is not None:
+        rows = links.posterior_.pull[:, :-1][:, used]
+        rows = np.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+    if gains is None:
+        return rows
+    n, unit = len(gains.joints), np.zeros((len(rows), 1))
+    if links.posterior_ is not None and gains.unit:
+        unit = -links.posterior_.pull[:, -1:]
+    held = np.pad(np.diag(gains.joints / SCALE_SPREAD), ((0, 0), (width, 1)))
+    return np.concatenate([np.column_stack([rows, np.zeros((len(rows), n)), unit]), held])
 
 
 def _bread(
