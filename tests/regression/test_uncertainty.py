@@ -144,17 +144,43 @@ def test_a_column_that_no_row_holds_stays_zero_in_the_covariance():
     assert_allclose(_inverse(rows), wanted, rtol=0, atol=1e-12)
 
 
-def currents(robot, seed):
-    """Recordings [A] of three slow sines per joint, with noise of draw `seed`; rigid links, Coulomb and viscous."""
-    rng, t = np.random.default_rng(seed), np.arange(0.0, 12.0, 0.005)
-    gain = np.array([20.0, 15.0, 6.0])
-    for k, phases in enumerate(np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 3))):
+COULOMB = np.array([4.0, 3.0, 1.0])
+
+
+def sines():
+    """Two runs of three slow sines per joint: t (n,), then q, dq, ddq (n, 3)."""
+    t = np.arange(0.0, 12.0, 0.005)
+    for phases in np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 3)):
         w = 2 * np.pi * np.array([0.13, 0.31, 0.47])
         angle = t[:, None, None] * w + phases
-        q, dq, ddq = (0.4 * np.sum(x, axis=2) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
-        tau = robot.inverse_dynamics(q, dq, ddq, robot.phi) + [4.0, 3.0, 1.0] * np.tanh(dq / 0.02) + dq
-        noise = rng.normal(size=tau.shape) * [1.0, 1.0, 0.5]
-        yield Recording(t, q, tau=(tau + noise) / gain, name=f"run_{k}", torque_unit="A")
+        yield t, *(0.4 * np.sum(x, axis=2) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
+
+
+def out_and_back():
+    """All joints out and back in 6, 3 and 1.5 s, with pauses: t (n,), then q, dq, ddq (n, 3)."""
+    parts = []
+    for duration in (6.0, 3.0, 1.5):
+        x = np.arange(0.0, 1.0, 0.005 / duration)
+        out = 0.8 * x**3 * (10 - 15 * x + 6 * x**2)
+        parts += [np.zeros(100), out, np.full(100, 0.8), 0.8 - out]
+    q = np.concatenate([*parts, np.zeros(100)])[:, None] * [1.0, 0.9, 1.1] - 0.4
+    dq = np.gradient(q, 0.005, axis=0)
+    return np.arange(len(q)) * 0.005, q, dq, np.gradient(dq, 0.005, axis=0)
+
+
+def measured(robot, motion, noise, name, gain=(1.0, 1.0, 1.0), unit="N*m"):
+    """Recording of a motion with `noise` (n, 3) [N m]; rigid links, Coulomb and viscous friction."""
+    t, q, dq, ddq = motion
+    tau = robot.inverse_dynamics(q, dq, ddq, robot.phi) + COULOMB * np.tanh(dq / 0.02) + dq
+    return Recording(t, q, tau=(tau + noise) / gain, name=name, torque_unit=unit)
+
+
+def currents(robot, seed):
+    """Recordings [A] of `sines` with noise of draw `seed`."""
+    rng = np.random.default_rng(seed)
+    for k, motion in enumerate(sines()):
+        noise = rng.normal(size=motion[1].shape) * [1.0, 1.0, 0.5]
+        yield measured(robot, motion, noise, f"run_{k}", (20.0, 15.0, 6.0), "A")
 
 
 @pytest.mark.parametrize("prior", ["auto", "robot", None])
@@ -174,3 +200,26 @@ def test_intervals_cover_where_the_gains_of_currents_are_fitted(prior):
     assert np.mean(as_if_known, axis=0)[heaviest] < 0.5
     assert np.mean(inside, axis=0).min() >= 0.8, np.mean(inside, axis=0)
     assert np.mean(inside) >= 0.93
+
+
+@pytest.mark.parametrize(("prior", "noise"), [("auto", 0.3), (None, 1.0)])
+def test_intervals_hold_what_a_friction_experiment_tells(prior, noise):
+    """Coulomb's friction is off by as much as its intervals say; those of the runs alone are several times as wide."""
+    robot, errors, told = RobotModel.from_urdf_string(URDF), [], []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        runs = [measured(robot, m, rng.normal(size=m[1].shape), f"run_{k}") for k, m in enumerate(sines())]
+        slow = out_and_back()
+        experiment = measured(robot, slow, noise * rng.normal(size=slow[1].shape), "slow")
+        links = LinkDynamicsIdentifier(prior=prior)
+        fit = ThreeLoopIdentifier(robot, links=links, friction_law="coulomb_viscous", residual=None)
+        fit.fit(runs, experiment)
+        plan = fit.observations_.plan
+        names = [name for effect in plan.effects for name in effect.coefficient_names]
+        at = [names.index("coulomb_pos"), names.index("coulomb_neg")]
+        std = np.sqrt(np.diag(fit.parameter_covariance()))[plan.n_base :].reshape(3, -1)
+        errors.append(fit.links_.own_[:, at] - COULOMB[:, None])
+        told.append(std[:, at])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(told), axis=0))
+    assert ratio.min() > 0.5, ratio
+    assert ratio.max() < 1.6, ratio

@@ -62,7 +62,7 @@ class Settled:
         factors = [_core.triangular_factor(np.ascontiguousarray(joint[:, :-1])) for joint in totals.joints("model")]
         products = totals.noise_products()
         self.covariance, self.gains_known = (
-            covariance_of_products(plans["model"], self.links, factors, products, gains=gains)
+            covariance_of_products(plans["model"], self.links, factors, products, noises=reduction.noise, gains=gains)
             for gains in (self._loops.gains, None)
         )
 

@@ -13,7 +13,7 @@ from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
-from dynid_rs.regression.fitted import Weighting
+from dynid_rs.regression.fitted import Beside, Weighting
 from dynid_rs.regression.linear_model import Choice, Known
 from dynid_rs.regression.scales import free_scales, improve_scale
 from dynid_rs.regression.systems import residual_covariance, residual_power, solve, stack, whitened
@@ -86,6 +86,8 @@ class LinkDynamicsIdentifier(Estimator):
         Covariance of the residual between joints (Eq. 24).
     ridge_ : float
         Ridge in use.
+    beside_ : list of Beside
+        Rows that counted beside the observations', as they were weighted.
     worth_ : ndarray (n_joints,)
         Independent samples that a row counts as; ones without a prior, where only ratios matter.
     posterior_ : Posterior or None
@@ -193,7 +195,7 @@ class LinkDynamicsIdentifier(Estimator):
             system = _joined(whitened(observations, self.covariance_, scale), extra, scale)
             x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
-        return self._keep(plan, x)
+        return self._keep(plan, x, extra)
 
     @property
     def has_prior(self) -> bool:
@@ -252,10 +254,11 @@ class LinkDynamicsIdentifier(Estimator):
             rows = whitened(observations, self.covariance_ / np.outer(root, root), scale)
             x = solve(plan, _joined(np.concatenate([rows, posterior.pull]), extra, scale), (0.0,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
-        return self._keep(plan, x)
+        return self._keep(plan, x, extra)
 
-    def _keep(self, plan: Plan, x: FloatArray) -> LinkDynamicsIdentifier:
+    def _keep(self, plan: Plan, x: FloatArray, extra: Sequence[_Weighted]) -> LinkDynamicsIdentifier:
         self.x_ = x
+        self.beside_ = [group.fitted(x, self.torque_scale_) for group in extra]
         self.phi_base_ = x[: plan.n_base]
         self.own_ = x[plan.n_base :].reshape(plan.robot.n_joints, plan.n_own)
         self.noise_std_ = np.sqrt(np.diag(self.covariance_))
@@ -281,6 +284,11 @@ class _Weighted:
 
     def system(self, scale: FloatArray) -> FloatArray:
         return stack(self._plan, self._group.factors, self.weights, scale)
+
+    def fitted(self, x: FloatArray, scale: FloatArray) -> Beside:
+        left = residual_power(self._plan, self._group.factors, x, scale) / np.maximum(self._group.n_rows, 1)
+        rows = [weight * R for weight, R in zip(self.weights, self._group.factors, strict=True)]
+        return Beside(rows, self.weights**2 * left)
 
 
 def _joined(system: FloatArray, extra: Sequence[_Weighted], scale: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -13,6 +14,18 @@ from dynid_rs.regression.systems import stack, whitened
 
 FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Rows with a noise of their own that stood beside the training runs' in a fit, as they were weighted there.
+
+    `rows` ``[own | base | torque]`` or factors of them per joint, torque scales not applied; `power` (n_joints,): mean
+    square of what the fit leaves of a row.
+    """
+
+    rows: list[FloatArray]
+    power: FloatArray
 
 
 class FittedLinks(Protocol):
@@ -29,6 +42,7 @@ class FittedLinks(Protocol):
     worth_: FloatArray
     ridge_: float
     posterior_: Posterior | None
+    beside_: list[Beside]
 
 
 def weighted_system(observations: Observations, links: FittedLinks, *, least_noise: float = 0.0) -> FloatArray:

@@ -44,15 +44,17 @@ def parameter_covariance(
     torque channels' `gains`, or as known without. Where a ridge was used, this is the covariance without it: wider,
     because the ridge's bias is not in it. Thresholds count as known, residuals of different joints as uncorrelated.
 
+    Rows that stood beside the runs' are as noisy as the fit leaves them, and remember as long as the joint's noise.
+
     Under a prior P of the inertials the truth is as far from its mean as it says: ``B (sum_j C_j' Gamma_j C_j + P) B``
     with ``B = (sum_j w_j C_j' C_j + P)^-1``.
     """
     fit = _Weighed(observations, links, runs, fitted_widths, gains)
-    meat = fit.pull.T @ fit.pull
-    for j, (places, grids) in enumerate(fit.columns):
-        noise = fit.noise(j)
+    meat, noises = fit.pull.T @ fit.pull, [fit.noise(j) for j in range(observations.plan.robot.n_joints)]
+    for j, ((places, grids), noise) in enumerate(zip(fit.columns, noises, strict=True)):
         products = sum(toeplitz_product(run, noise.spectrum) for run in grids)
         meat[np.ix_(places, places)] += fit.weights[j] ** 2 * products
+    meat += _noise_beside(fit.beside, noises)
     return _of_all_unknowns(fit.bread @ meat @ fit.bread, fit.used)
 
 
@@ -70,11 +72,13 @@ def covariance_of_products(
     factors: Sequence[FloatArray],
     products: Sequence[FloatArray],
     *,
+    noises: Sequence[NoiseSpectrum],
     gains: Gains | None = None,
 ) -> FloatArray:
     """`parameter_covariance` without the rows: from every joint's factor and its ``C_j' Gamma_j C_j`` (k, k).
 
-    Both in the columns ``[own | base | width_slope]`` of the joint, k of them, torque scales not applied.
+    Both in the columns ``[own | base | width_slope]`` of the joint, k of them, torque scales not applied; `noises` are
+    what Gamma_j is of.
     """
     used, weights = plan.estimable(), row_weights(links)
     n, n_used = plan.robot.n_joints, int(used.sum())
@@ -91,7 +95,9 @@ def covariance_of_products(
         wide[:, places] = np.sqrt(weights[j]) * R[:, kept] @ across
         stacked.append(wide)
         meat[np.ix_(places, places)] += weights[j] ** 2 * (across.T @ product[np.ix_(kept, kept)] @ across)
-    bread = _inverse(np.concatenate(stacked))
+    beside = _rows_beside(plan, links, used, n_used + n, pull.shape[1], gains)
+    meat += _noise_beside(beside, noises)
+    bread = _inverse(np.concatenate([*stacked, *(rows for rows, _, _ in beside)]))
     return _of_all_unknowns(bread @ meat @ bread, used)
 
 
@@ -131,7 +137,9 @@ class _Weighed:
         for j in [] if gains is None else np.flatnonzero(gains.joints).tolist():
             self.columns[j] = _with_gain(plan, links, j, self.used, self.columns[j], shapes + j)
         self.pull = _prior_rows(links, self.used, shapes, gains)
-        self.bread = _bread(self.columns, np.sqrt(self.weights), self.pull)
+        self.beside = _rows_beside(plan, links, self.used, shapes, self.pull.shape[1], gains)
+        held = np.concatenate([self.pull, *(rows for rows, _, _ in self.beside)])
+        self.bread = _bread(self.columns, np.sqrt(self.weights), held)
         self._residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
         self._masks = _on_grid(observations, runs, _counted(observations))
 
@@ -181,6 +189,29 @@ def _with_gain(
     known, at, _ = _known_columns(plan, links, j, used)
     load = _load(plan, links, j, known)
     return np.append(places, place), [np.column_stack([grid, grid[:, : len(at)] @ load]) for grid in grids]
+
+
+def _rows_beside(
+    plan: Plan, links: FittedLinks, used: BoolArray, first_gain: int, width: int, gains: Gains | None
+) -> list[tuple[FloatArray, int, float]]:
+    """Rows (n, width) that stood beside the training runs' in the fit, with their joint and what is left of one."""
+    found = []
+    for group in links.beside_:
+        for j, (R, power) in enumerate(zip(group.rows, group.power.tolist(), strict=True)):
+            known, at, factor = _known_columns(plan, links, j, used)
+            rows = np.zeros((len(R), width))
+            rows[:, at] = R[:, :-1][:, known] * factor
+            if gains is not None and gains.joints[j]:
+                rows[:, first_gain + j] = rows[:, at] @ _load(plan, links, j, known)
+            found.append((rows, j, power))
+    return found
+
+
+def _noise_beside(beside: Sequence[tuple[FloatArray, int, float]], noises: Sequence[NoiseSpectrum]) -> FloatArray:
+    """``C' Gamma C`` of `_rows_beside`: of their own size, remembering as long as the joint's noise does."""
+    products = [power * noises[j].memory * (rows.T @ rows) for rows, j, power in beside]
+    total: FloatArray = np.sum(products, axis=0)
+    return total
 
 
 def _load(plan: Plan, links: FittedLinks, j: int, known: BoolArray) -> FloatArray:
@@ -308,6 +339,12 @@ class NoiseSpectrum:
         self._power = power
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / n_counted
+
+    @property
+    def memory(self) -> float:
+        """Rows that an independent one is worth: power at frequency zero over the mean; at least one."""
+        left = self._covariances
+        return max(1.0, float(2 * left.sum() / left[0] - 1)) if left[0] > 0 else 1.0
 
     def spectrum(self, size: int) -> FloatArray:
         """Power per line of a real transform of length `size`."""
