@@ -17,7 +17,7 @@ from real_robots import CASES, identify
 
 import dynid_rs as dyn
 from dynid_rs import PhysicalIdentifier, RobotModel, ThreeLoopIdentifier, _core
-from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.links import LinkDynamicsIdentifier, RowGroup
 from dynid_rs.identification.results import score
 from dynid_rs.model.bodies import declared_bodies
 from dynid_rs.model.export import urdf
@@ -304,12 +304,18 @@ def test_parameters_out_of_range_are_refused(options):
         PhysicalIdentifier(**options).fit(observations, links)
 
 
+@pytest.mark.parametrize("with_more", [False, True])
 @pytest.mark.parametrize("weighting", [None, "joint_variance", "full_covariance"])
-def test_the_system_is_the_one_that_the_fit_solved(weighting):
-    """Normal equations of `weighted_system` vanish at the fit, whatever the weighting."""
+def test_the_system_is_the_one_that_the_fit_solved(weighting, with_more):
+    """Normal equations of `weighted_system` vanish at the fit, whatever the weighting and what stands beside the runs.
+
+    As the rows of a friction experiment do, of which the bodies' friction knew nothing.
+    """
     robot = RobotModel.from_urdf_string(URDF)
     _, _, observations = fit_to(robot, robot.phi, noise=0.3)
-    links = LinkDynamicsIdentifier(weighting, prior=None).fit(observations)
+    other = fit_to(robot, 1.1 * np.asarray(robot.phi), noise=0.1)[2]
+    more = [RowGroup(other.factors(), other.n_counted)] if with_more else []
+    links = LinkDynamicsIdentifier(weighting, prior=None).fit(observations, beside=more)
     system = weighted_system(observations, links)
     gradient = system[:, :-1].T @ (system[:, -1] - system[:, :-1] @ links.x_)
     size = np.linalg.norm(system[:, :-1], axis=0) * np.linalg.norm(system[:, -1])

@@ -48,7 +48,8 @@ class FittedLinks(Protocol):
 def weighted_system(observations: Observations, links: FittedLinks, *, least_noise: float = 0.0) -> FloatArray:
     """System ``[columns | torque]`` that `links` was solved on, its noise of variance one (Eq. 13).
 
-    With a prior its rows stand below, and a joint's rows count as many as the independent samples they are worth.
+    With a prior its rows stand below, and a joint's rows count as many as the independent samples they are worth; rows
+    that stood beside them in the fit come last.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def weighted_system(observations: Observations, links: FittedLinks, *, least_noi
     plan, factors = observations.plan, observations.factors()
     size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(observations.n_rows)
     least = np.maximum(least_noise * size, 1e-300)
-    root = np.sqrt(links.worth_)
+    root, unit = np.sqrt(links.worth_), np.ones(len(factors))
     if links.weighting == "full_covariance":
         short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
         covariance = (links.covariance_ + np.diag(short)) / np.outer(root, root)
@@ -67,5 +68,7 @@ def weighted_system(observations: Observations, links: FittedLinks, *, least_noi
         noise = links.noise_std_
         if links.weighting is None:
             noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
+            unit = 1 / np.maximum(noise, least)  # nothing was weighted, nor what stood beside
         system = stack(plan, factors, root / np.maximum(noise, least), links.torque_scale_)
-    return system if links.posterior_ is None else np.concatenate([system, links.posterior_.pull])
+    beside = [stack(plan, group.rows, unit, links.torque_scale_) for group in links.beside_]
+    return np.concatenate([system, *([] if links.posterior_ is None else [links.posterior_.pull]), *beside])
