@@ -94,6 +94,23 @@ def test_responses_of_all_joints_and_the_prior_add_up():
     np.testing.assert_allclose(gain_response(plain).sum(axis=0), plain.links_.x_, rtol=1e-6, atol=1e-9)
 
 
+def out_and_back():
+    """A run of the friction experiment: all joints out in 2 s, a pause, and back."""
+    t = np.arange(0.0, 6.0, 0.01)
+    x = np.clip((t - 0.5) / 2.0, 0.0, 1.0) - np.clip((t - 3.5) / 2.0, 0.0, 1.0)
+    q = 0.6 * (x**3 * (10 - 15 * x + 6 * x**2))[:, None] * np.ones(3)
+    dq = np.gradient(q, 0.01, axis=0)
+    tau = ROBOT.inverse_dynamics(q, dq, np.gradient(dq, 0.01, axis=0), ROBOT.phi) + 3.0 * np.tanh(dq / 0.02) + dq
+    return Recording(t, q, tau=tau + 0.3 * np.random.default_rng(0).normal(size=tau.shape), name="slow")
+
+
+def test_channels_of_a_friction_experiment_show_as_much_more():
+    links = LinkDynamicsIdentifier(prior=None, max_iter=300, tol=1e-12)
+    plain = ThreeLoopIdentifier(ROBOT, residual=None, links=links, friction_law="coulomb_viscous")
+    plain.fit(recordings(), out_and_back())
+    np.testing.assert_allclose(gain_response(plain).sum(axis=0), plain.links_.x_, rtol=1e-5, atol=1e-7)
+
+
 def test_arms_of_other_lengths_have_another_mark():
     names = tuple(ROBOT.base_parameters().names)
     other = RobotModel.from_urdf_string(URDF.replace('xyz="0.4 0 0"', 'xyz="0.45 0 0"'))

@@ -255,21 +255,25 @@ def gain_response(identifier: ThreeLoopIdentifier) -> FloatArray:
     """What the estimate does when one joint's torque channel shows more: (n_joints, p), per relative change.
 
     The fit solves ``H x = sum_j w_j^2 C_j' tau_j + P'b`` with ``H = sum_j w_j^2 C_j' C_j + P'P`` (P, b the prior's
-    rows). A channel that shows ``(1 + g) tau_j`` adds ``g r_j`` to x, ``r_j = H^-1 w_j^2 C_j' tau_j``, weights and
-    prior held. The rows of all joints and the prior's part add up to x itself.
+    rows), a friction experiment's rows among the joints'. A channel that shows ``(1 + g) tau_j`` adds ``g r_j`` to x,
+    ``r_j = H^-1 w_j^2 C_j' tau_j``, weights and prior held. The rows of all joints and the prior's part add up to x
+    itself.
     """
     links, observations = identifier.links_, identifier.observations_
     plan, factors, weights = observations.plan, observations.factors(), links.weights_
-    system = stack(plan, factors, weights, links.torque_scale_)
-    rows = system if links.posterior_ is None else np.concatenate([system, links.posterior_.pull])
+    groups = [stack(plan, factors, weights, links.torque_scale_)]
+    groups += [stack(plan, beside.rows, np.ones(len(factors)), links.torque_scale_) for beside in links.beside_]
+    rows = np.concatenate([*groups, *([] if links.posterior_ is None else [links.posterior_.pull])])
     norms = np.linalg.norm(rows[:, :-1], axis=0)
     used = plan.estimable() & (norms > 0)
     columns = rows[:, :-1][:, used] / norms[used]
     inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
-    edges = np.cumsum([0, *(len(factor) for factor in factors)])
+    of_joint = [np.repeat(np.arange(len(factors)), [len(factor) for factor in factors])]
+    of_joint += [np.repeat(np.arange(len(factors)), [len(R) for R in beside.rows]) for beside in links.beside_]
+    system, whose = np.concatenate(groups), np.concatenate(of_joint)
     response = np.zeros((len(factors), plan.n_columns))
     for j in range(len(factors)):
-        own = system[edges[j] : edges[j + 1]]
+        own = system[whose == j]
         response[j, used] = inverse @ (own[:, :-1][:, used] / norms[used]).T @ own[:, -1] / norms[used]
     return response
 
