@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from subprocess import PIPE
 
 import numpy as np
 import pytest
@@ -221,6 +222,26 @@ def test_what_is_of_another_model_is_not_used_and_what_is_none_is_not_replaced(e
     model_before = (folder / "model.json").read_bytes()
     assert answered(estimator, folder, json_text(states), "--remember", folder / "model.json").returncode == 2
     assert (folder / "model.json").read_bytes() == model_before
+
+
+def test_what_could_not_be_kept_is_an_error_at_the_end(estimator, folder, harder, tmp_path):
+    """The answers and the report of times are there; the exit code says that what was learned is not."""
+    _, states = harder
+    away = tmp_path / "away"
+    away.mkdir()
+    command = [estimator, folder / "model.json", "--changes", folder / "watch.json", "--remember", away / "known.json"]
+    first, *rest = json_text({name: values[:5000] for name, values in states.items()}).splitlines(keepends=True)
+    with subprocess.Popen([*command, "--histogram"], stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True) as process:
+        process.stdin.write(first)
+        process.stdin.flush()
+        answer = process.stdout.readline()
+        away.rmdir()
+        answers, said = process.communicate("".join(rest), timeout=120)
+    assert process.returncode == 2
+    assert (answer + answers).count("\n") == 1 + len(rest)
+    (line,) = (line for line in said.splitlines() if "--remember" in line)
+    assert line.startswith(f"error: --remember: {away / 'known.json'}: ")
+    assert "p99" in said  # the report of times
 
 
 def test_remembering_needs_a_watch(estimator, folder):

@@ -20,7 +20,7 @@ use crate::rate::Rate;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
 use crate::remember::Notebook;
-use crate::run::{frame_for, note_what_is_missing, tell};
+use crate::run::{frame_for, note_what_is_missing, tell, with_report};
 use crate::shm::SharedMemory;
 use crate::stop::Stop;
 use crate::swap::{self, Inbox, MOST_TERMS};
@@ -145,11 +145,11 @@ pub fn run(
     live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
     let Counts { states, refused } = live.counts;
     drop(live.outbox);
-    drop(live.notebook);
+    let kept = live.notebook.map_or(Ok(()), Notebook::end);
     if refused > 0 {
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
     }
-    Ok(real_time.report(&timing, sleeper))
+    with_report(real_time.report(&timing, sleeper), kept)
 }
 
 impl Live {

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use dynid_io::remembered::{digits_of, Identity};
-use dynid_io::{check_replaceable, load_remembered, Remembered};
+use dynid_io::{check_replaceable, load_remembered, ModelFileError, Remembered};
 
 use crate::cycle::{Cycle, Settings};
 use crate::run::tell;
@@ -89,7 +89,7 @@ impl Notebook {
             .name("remember".into())
             .spawn(move || loop {
                 thread::sleep(PAUSE);
-                theirs.write(false);
+                let _ = theirs.write(false);
             });
         if let Err(error) = started {
             tell(
@@ -117,6 +117,17 @@ impl Notebook {
             }
         }
     }
+
+    /// Writes what was not written yet.
+    ///
+    /// # Errors
+    /// [`Stop`] if it cannot be: what was learned since the file was written last is lost.
+    pub fn end(self) -> Result<(), Stop> {
+        self.desk.write(true).map_err(|error| {
+            self.desk.page().waits = false; // said, and not tried once more
+            Stop::Because(format!("--remember: {error}"))
+        })
+    }
 }
 
 /// What learns.
@@ -130,19 +141,21 @@ fn names_of(settings: &Settings) -> &'static str {
 
 impl Drop for Notebook {
     fn drop(&mut self) {
-        self.desk.write(true);
+        if let Err(error) = self.desk.write(true) {
+            tell("error", &format!("--remember: {error}"));
+        }
     }
 }
 
 impl Desk {
-    /// Writes what was laid down since it was written last. That it cannot be is said once, and at the end.
-    fn write(&self, is_last: bool) {
+    /// Writes what was laid down since it was written last. That it cannot be is said once; the last time by the caller.
+    fn write(&self, is_last: bool) -> Result<(), ModelFileError> {
         // Held until the file is there: the program does not end in between.
         let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
         let page = {
             let mut page = self.page();
             if !std::mem::take(&mut page.waits) {
-                return;
+                return Ok(());
             }
             Remembered {
                 of: digits_of(&page.of),
@@ -150,16 +163,14 @@ impl Desk {
             }
         };
         let done = page.save(&self.path);
-        *refused = match &done {
-            Ok(()) => false,
-            Err(error) => {
-                self.page().waits = true;
-                if is_last || !*refused {
-                    tell("error", &format!("--remember: {error}"));
-                }
-                true
+        if let Err(error) = &done {
+            self.page().waits = true;
+            if !is_last && !*refused {
+                tell("error", &format!("--remember: {error}"));
             }
-        };
+        }
+        *refused = done.is_err();
+        done
     }
 
     /// Never makes the loop wake anybody: it is tried for, not waited for.
@@ -254,11 +265,10 @@ mod tests {
         let mut notebook = Notebook::open(&mut cycle, &settings).unwrap().unwrap();
         go_on(&mut cycle, &mut notebook, 0);
         std::fs::remove_dir(&inner).unwrap();
-        notebook.desk.write(false);
+        assert!(notebook.desk.write(false).is_err());
         assert!(!path.exists() && *notebook.desk.refused.lock().unwrap());
         std::fs::create_dir(&inner).unwrap();
-        drop(notebook);
-        assert!(path.exists());
+        assert!(notebook.end().is_ok() && path.exists());
     }
 
     #[test]

@@ -125,7 +125,16 @@ pub fn run(
     }
     out.flush().map_err(Stop::output)?;
     timing.stop();
-    Ok(real_time.report(&timing, sleeper))
+    let kept = notebook.map_or(Ok(()), Notebook::end);
+    with_report(real_time.report(&timing, sleeper), kept)
+}
+
+/// The report of a run's times. Where what was to be `kept` is not, it goes to stderr before that is said.
+pub fn with_report(report: Option<String>, kept: Result<(), Stop>) -> Result<Option<String>, Stop> {
+    if let (Some(report), Err(_)) = (&report, &kept) {
+        let _ = io::stderr().write_all(report.as_bytes());
+    }
+    kept.map(|()| report)
 }
 
 /// A frame for what the model wants to know; where it is watched, the one that comes may want more.
