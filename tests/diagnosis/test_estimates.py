@@ -24,10 +24,11 @@ NOISE = 0.1
         (-2.0, 1.0, (-np.inf, 0.0), (-2 * np.exp(0.5), -2 * np.exp(-0.5))),
         (1.0, 2.0, (0.0, np.inf), (0.0, 3.0)),
         (2.0, 1.0, (-np.inf, np.inf), (1.0, 3.0)),
-        (-5.0, 1.0, (0.0, np.inf), (0.0, 0.0)),  # clearly of the sign that physics does not allow
+        (0.5, 1.0, (-np.inf, 0.0), (-0.5, 1.5)),  # of the sign that physics does not allow, and yet the model's
+        (-5.0, 1.0, (0.0, np.inf), (-6.0, -4.0)),
     ],
 )
-def test_an_interval_lies_where_its_coefficient_may_be(value, half, bounds, expected):
+def test_an_interval_lies_where_its_coefficient_may_be_and_holds_it(value, half, bounds, expected):
     assert _interval(value, half, *bounds) == pytest.approx(expected)
 
 

@@ -191,11 +191,16 @@ def _coefficients(
 
 
 def _interval(value: float, half: float, lower: float, upper: float) -> tuple[float, float]:
-    """Of a coefficient; one that has a sign and is known to have it is a scale, known in its logarithm."""
-    if 0.0 in (lower, upper) and lower <= value <= upper and half < abs(value):
+    """Of a coefficient; one that has a sign and is known to have it is a scale, known in its logarithm.
+
+    Where the model has one that physics does not allow, this is its interval all the same.
+    """
+    if not lower <= value <= upper:
+        return value - half, value + half
+    if 0.0 in (lower, upper) and half < abs(value):
         low, high = sorted(value * np.exp([-half / abs(value), half / abs(value)]))
-        return float(low), float(high)
-    low, high = np.clip([value - half, value + half], lower, upper)
+    else:
+        low, high = np.clip([value - half, value + half], lower, upper)
     return float(low), float(high)
 
 
