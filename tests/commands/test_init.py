@@ -143,6 +143,22 @@ def test_a_log_of_the_motors_alone(tmp_path, names):
     np.testing.assert_array_equal(recording.dq[:, 1], columns["dq_1"])
 
 
+def test_motors_beside_positions_that_are_told_are_the_motors(tmp_path):
+    """Where rules say which columns the positions are, the motors' encoder was lost, and its velocity the links'."""
+    robot, columns = write_robot(tmp_path), run(0, velocity=True)
+    log = {"time": columns["t"]}
+    log |= {name: columns[f"q_{j}"] for j, name in enumerate(("base", "mid", "tip"))}
+    for j in range(3):
+        log |= {f"q_motor_{j}": columns[f"q_{j}"], f"dq_motor_{j}": columns[f"dq_{j}"]}
+        log[f"trq_meas_{j}"] = columns[f"tau_{j}"]
+    told = tmp_path / "told.toml"
+    told.write_text('[columns]\nq = ["base", "mid", "tip"]\n')
+    answer, written = init(tmp_path, robot, write_csv(tmp_path / "run.csv", log), "--config", told)
+    signals = {"q": ["base", "mid", "tip"], "q_motor": "q_motor_{i}", "dq_motor": "dq_motor_{i}"}
+    assert written["columns"] == {"t": "time", "tau": "trq_meas_{i}"} | signals
+    assert "the only positions" not in str(answer)
+
+
 def test_what_is_not_to_be_read_stays_so(tmp_path):
     """A velocity that is known to be a controller's: it was read again by the file that was written."""
     known = tmp_path / "known.toml"

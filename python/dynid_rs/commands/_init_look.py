@@ -146,13 +146,13 @@ def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
     except DataError as error:
         if error.code not in ("missing_column", "too_many_joints", "ambiguous_column"):
             raise
-    names = guess(table.names, joints, table.units)
+    said = {key: rule for key, rule in spoken.columns.items() if _fits(rule, joints, table.names)}
+    names = guess(table.names, joints, table.units, said)
     columns = dict(names.columns)
     if "t" not in spoken.columns and names.time:
         columns["t"] = names.time[0]
     if "tau" in columns and "current" in columns:
         columns.pop("current")
-    said = {key: rule for key, rule in spoken.columns.items() if _fits(rule, joints, table.names)}
     guessed = replace(rules, columns={**columns, **said, **given.columns}, units=spoken.units)
     with lists_explained(table, joints):
         try:

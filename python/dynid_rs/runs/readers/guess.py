@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dynid_rs.runs.readers.config import ColumnRule
@@ -69,7 +69,7 @@ class Guess:
     questions: list[str] = field(default_factory=list)
 
 
-def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str]) -> Guess:
+def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str], known: Collection[str] = ()) -> Guess:
     """Guess which columns hold what.
 
     Parameters
@@ -80,6 +80,8 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
         The arm's joints in chain order.
     units : mapping of str to str
         Units that the file gives, by column.
+    known : collection of str
+        Signals whose columns are known already: where the positions are, no others are taken for them.
     """
     found = Guess(time=_times(names))
     options: dict[str, list[tuple[int, Family]]] = {}
@@ -95,10 +97,11 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
         else:
             found.others[family.form] = kind[0]
     plain = [family for family in nameless if "name" not in words_of(family.form)]
-    if "q" not in options and plain:
+    has_positions = "q" in options or "q" in known
+    if not has_positions and plain:
         options["q"] = [(0, plain[0])]
         nameless.remove(plain[0])
-    elif "q" not in options and "q_motor" in options:
+    elif not has_positions and "q_motor" in options:
         for link, motor in (("q", "q_motor"), ("dq", "dq_motor")):
             if link not in options and motor in options:
                 options[link] = options.pop(motor)
