@@ -181,6 +181,9 @@ def test_something_without_a_name():
     one = effect(kind="unknown", told_as="stribeck", depends_on=depends)
     assert (one.kind, one.kinds, one.name, one.is_unknown) == ("unknown", (), "unknown", True)
     assert str(one) == "unknown on elbow, depends on q_elbow (0.93)"  # not the numbers of the law that stands in
+    assert "1. unknown on elbow, depends on q_elbow (0.93)" in one._repr_html_()
+    assert "stribeck" not in one._repr_html_()  # in a notebook neither
+    assert "stribeck" in effect()._repr_html_()
     assert one.parameters
     assert (one.depends_on[0].signal, one.depends_on[0].strength) == ("q_elbow", 0.93)
 
@@ -310,6 +313,17 @@ def test_it_is_short_and_shows_a_table():
     assert "friction hysteresis" in html
     assert "hysteresis 1." in html
     assert found().verdict.split(":")[0] in html
+
+
+def test_the_table_says_what_the_sentences_say(monkeypatch):
+    """Numbers of two joints with their joints, and of an effect without a name none."""
+    shared = effect(kind="coupled_friction", joints=["elbow", "wrist"], parameters=COUPLED)
+    made = dataclasses.replace(found())
+    made.__dict__["effects"] = (shared, effect(kind="unknown", told_as="stribeck"))
+    monkeypatch.setattr(dynid_rs.Diagnosis, "verdict", "Two effects.")
+    html = made._repr_html_()
+    assert "coupled_friction of elbow 2.00 N*m (1.00 to 3.00); coupled_friction of wrist 4.00 N*m; ratio 1.00" in html
+    assert "stribeck" not in html
 
 
 def test_without_a_test_run_nothing_is_said_of_errors():

@@ -10,7 +10,15 @@ from typing import Any
 from dynid_rs.base.notebook import html_table
 from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import kinds_said
-from dynid_rs.diagnosis.wording import effect_words, kinds_words, named, number_words, tie_words, unexplained_words
+from dynid_rs.diagnosis.wording import (
+    effect_words,
+    kinds_words,
+    named,
+    number_words,
+    numbers_told,
+    tie_words,
+    unexplained_words,
+)
 
 Entry = Mapping[str, Any]
 Interval = tuple[float, float]
@@ -184,9 +192,10 @@ class FoundEffect:
         return f"<FoundEffect {self}>"
 
     def _repr_html_(self) -> str:
-        rows = [[f"{n.name} of {n.joint}" if n.joint else n.name, *cells_of(n)] for n in self.parameters]
+        told = [_number(own) for own in numbers_told(self.entry)]
+        rows = [[f"{n.name} of {n.joint}" if n.joint else n.name, *cells_of(n)] for n in told]
         note = " ".join(f"Not told apart from {tie}." for tie in self.ties)
-        title = f"{self.rank}. {named(self.entry, self.robot_joints)}"
+        title = f"{self.rank}. {effect_words({**self.entry, 'parameters': ()}, self.robot_joints)}"
         return html_table(("number", "value", "95 % interval"), rows, title=title, note=note)
 
     def __str__(self) -> str:

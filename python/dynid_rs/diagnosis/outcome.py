@@ -12,6 +12,7 @@ from dynid_rs.base.notebook import html_table
 from dynid_rs.diagnosis.found import FoundEffect, Unexplained
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.wording import numbers_words
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -103,7 +104,7 @@ class Diagnosis:
                 str(effect.rank),
                 effect.name,
                 ", ".join(effect.joints),
-                "; ".join(map(str, effect.parameters)),
+                "; ".join(numbers_words(effect.entry, intervals=True)),
                 ", ".join(map(str, effect.ties)),
             ]
             for effect in self.effects

@@ -81,17 +81,28 @@ def kinds_words(entry: Result) -> str:
 
 
 def effect_words(entry: Result, joints: Sequence[str], *, intervals: bool = False) -> str:
-    """An effect, its place and its numbers; `joints` are all joints of the robot.
-
-    Of one without a name no numbers: they are those of the law that stands in for it, and mean nothing by themselves.
-    """
-    numbers_of = entry.get("parameters") or () if kinds_said(entry) else ()
-    said = [number for number in numbers_of if number["name"] != "side"]  # by the neighbour's name
-    several = len({number.get("joint") for number in said} - {None}) > 1
-    numbers = ", ".join(number_words(number, interval=intervals, of_joint=several) for number in said)
+    """An effect, its place and its numbers; `joints` are all joints of the robot."""
+    numbers = ", ".join(numbers_words(entry, intervals=intervals))
     under = under_words(entry, joints)
     depends = "" if kinds_said(entry) else _depends(entry)
     return named(entry, joints) + depends + (f" {under}" if under else "") + (f": {numbers}" if numbers else "")
+
+
+def numbers_told(entry: Result) -> list[Result]:
+    """Numbers of an effect that mean something by themselves.
+
+    Of one without a name none, for they are those of the law that stands in for it; a side is said by the neighbour's
+    name.
+    """
+    own = entry.get("parameters") or () if kinds_said(entry) else ()
+    return [number for number in own if number["name"] != "side"]
+
+
+def numbers_words(entry: Result, *, intervals: bool = False) -> list[str]:
+    """The numbers of an effect that are told, each with its joint where they are of several."""
+    told = numbers_told(entry)
+    several = len({number.get("joint") for number in told} - {None}) > 1
+    return [number_words(number, interval=intervals, of_joint=several) for number in told]
 
 
 def number_words(number: Result, *, interval: bool = False, of_joint: bool = False) -> str:
