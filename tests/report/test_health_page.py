@@ -299,6 +299,7 @@ def test_what_stood_before_a_run_still_stands(tmp_path):
     )
     assert "<b>Yes:</b>" not in text
     assert "Every run goes on with what the one before has shown." in text
+    assert "goes on with what" in page(tmp_path, replace(run(), before=stood)).html  # else nothing could have stood
     alone = page(tmp_path, run()).html
     assert "<b>Yes:</b> nothing has changed in 1\u00a0run." in alone
     assert "Every run is watched on its own, from its beginning." in alone

@@ -44,7 +44,8 @@ def health_page(
     findings : sequence of Finding
         About the data, as `inspect` gives them.
     goes_on : bool
-        Whether every run was watched with what the one before it had shown (``watch(run, remembered=)``).
+        Whether every run was watched with what the one before it had shown (``watch(run, remembered=)``); runs before
+        which something stood were.
 
     Returns
     -------
@@ -77,7 +78,7 @@ def health_page(
         healthy=getattr(watch, "healthy_", learned),
         findings=[finding.to_json() for finding in findings],
         angle_unit=" or ".join(sorted(set(angle_units(robot.joint_kinds)), reverse=True)),
-        goes_on=goes_on,
+        goes_on=goes_on or any(run.before for run in runs),
     )
     return write_health(Path(path), health)
 
