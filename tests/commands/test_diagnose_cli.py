@@ -331,6 +331,12 @@ def test_a_reference_names_the_payload(tmp_path):
     assert not (tmp_path / "out" / "open.json").exists()
     mass = result["effects"][0]["parameters"][0]
     assert mass["interval"][0] < mass["value"] < mass["interval"][1]
+    # Of the runs that it was learned from its own fit tells the same parameters, and yet it is the reference.
+    same = ("--test", before[2], "--reference", model / "model.json", "--force")
+    printed, result = diagnosed(tmp_path, robot, *before[:2], *same)
+    assert "what the reference leaves" in " ".join(printed.output.split())
+    assert "before: the reference as it is" in " ".join(printed.output.split())
+    assert result["covariance"] is None
 
 
 # Bad input

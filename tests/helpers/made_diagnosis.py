@@ -28,6 +28,7 @@ class MadeDiagnosis:
     left: list[dict[str, Any]] = field(default_factory=list)
     steps: list[dict[str, Any]] = field(default_factory=list)
     asked: Any = None
+    against_reference: bool = False
 
 
 def error_of(identifier, runs):

@@ -201,7 +201,8 @@ def _compared(
     changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"), doubt=doubt)
     before, after = copy(fit), copy(fit)
     before.model_, after.model_ = reference, changes.model
-    return Diagnosis(setup, before, after, findings=[*said, *changes.findings], entries=list(changes.effects))
+    findings, entries = [*said, *changes.findings], list(changes.effects)
+    return Diagnosis(setup, before, after, findings=findings, entries=entries, against_reference=True)
 
 
 def _step(action: str, place: Place, left: FloatArray, names: Sequence[str]) -> dict[str, Any]:

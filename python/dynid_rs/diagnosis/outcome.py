@@ -43,6 +43,9 @@ class Diagnosis:
         What is open, and what is known: the next experiment is designed from it. None where nothing was searched.
     train, test : sequence of Recording
         Runs that were learned from, and runs that only reported errors see.
+    against_reference : bool
+        Whether `before` has the model of a reference and `after` that model with what has changed; nothing of either
+        was fitted to `train`.
     """
 
     setup: Setup
@@ -55,6 +58,7 @@ class Diagnosis:
     asked: OpenQuestions | None = None
     train: Sequence[Recording] = ()
     test: Sequence[Recording] = ()
+    against_reference: bool = False
 
     @cached_property
     def result(self) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.base.wording import against_reference
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.setup import Setup
@@ -69,6 +68,10 @@ class Outcome(Protocol):
     @property
     def asked(self) -> OpenQuestions | None:
         """What is open; None where nothing was searched."""
+
+    @property
+    def against_reference(self) -> bool:
+        """Whether the models are a reference and what it is now, and not those that were fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +143,9 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         if outcome.setup.excluded.get(run.recording.name)
     }
     _as_told(result["parameters"]["joint"], effects)
-    if against_reference(result | {"steps": outcome.steps}):  # no loop made the reference, and the fit has no third
+    if outcome.against_reference:  # no loop made it, and the fit, which has no third, tells nothing of its parameters
         result["loops"]["test"]["residual"] = result["loops"]["test"]["links"]
+        result["covariance"] = None
     result |= {
         "effects": effects,
         "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.left],
