@@ -312,6 +312,11 @@ def test_an_encoder_of_a_slide_slips_by_metres(tmp_path):
         assert f"encoder slip 0.00500\u00a0{unit}, " in text
 
 
+def test_a_tolerated_load_has_the_unit_of_changes_of_load(tmp_path):
+    for torque_unit, unit in (("N*m", "kg"), ("A", "kg A/(N\u00b7m)")):
+        assert f"load 0.100\u00a0{unit}, " in page(tmp_path, run(), of=watch(torque_unit)).html
+
+
 def test_findings_are_on_the_page(tmp_path):
     findings = [Finding("gap", "warning", "Half is missing.", file="run.csv"), Finding("note", "info", "Fine.")]
     text = page(tmp_path, run(), findings=findings).html

@@ -46,7 +46,8 @@ def watch(
         typer.Option(
             metavar="KIND=X",
             help="What is not a change yet: friction=0.1 and gain=0.05 (relative), offset=2 (deviations of the error), "
-            "load=0.1 (kg), delay=0.004 (s), slip=0.005 (rad, m), unknown=1 (growth of the error); repeat for more",
+            "load=0.1 (kg; of a model in ampere kg A/(N m)), delay=0.004 (s), slip=0.005 (rad, m), unknown=1 (growth "
+            "of the error); repeat for more",
         ),
     ] = None,
     settings: Annotated[

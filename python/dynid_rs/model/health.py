@@ -12,7 +12,7 @@ import numpy as np
 from dynid_rs.base.findings import Finding
 from dynid_rs.base.units import angle_units, torques_said
 from dynid_rs.model.standing import relative, standing
-from dynid_rs.model.units import torque_units
+from dynid_rs.model.units import load_unit, torque_units
 from dynid_rs.model.watch import Tolerated, Watch, Watched
 from dynid_rs.report.health import write_health
 from dynid_rs.report.health_source import Health, HealthRun
@@ -78,6 +78,7 @@ def health_page(
         healthy=getattr(watch, "healthy_", learned),
         findings=[finding.to_json() for finding in findings],
         angle_unit=" or ".join(sorted(set(angle_units(robot.joint_kinds)), reverse=True)),
+        load_unit=load_unit(watch.model.torque_unit),
         goes_on=goes_on or any(run.before for run in runs),
     )
     return write_health(Path(path), health)

@@ -46,7 +46,7 @@ class Tolerated:
     offset : float
         Constant torque on a joint, in deviations of what the model leaves.
     load : float
-        Mass at the last link [kg].
+        Mass at the last link [kg; in ampere: kg times what the channel shows per N m].
     delay : float
         Time by which a joint's torque channel is later than it was, or earlier [s].
     slip : float

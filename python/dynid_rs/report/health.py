@@ -244,7 +244,7 @@ def _settings(health: Health) -> str:
 
 
 def _tolerated(health: Health) -> str:
-    units = {"offset": "deviations", "load": "kg", "delay": "s", "slip": health.angle_unit}
+    units = {"offset": "deviations", "load": unit_text(health.load_unit), "delay": "s", "slip": health.angle_unit}
     texts = []
     for kind, size in health.tolerated.items():
         word = "growth of the error" if kind == "unknown" else kind_words(kind)

@@ -71,6 +71,8 @@ class Health:
         About the data, as `Finding.to_json` gives them.
     angle_unit : str
         Of positions: rad, m, or `rad or m` where joints turn and slide.
+    load_unit : str
+        Of loads, as their changes have it.
     goes_on : bool
         Whether every run was watched with what the one before it had shown.
     """
@@ -88,6 +90,7 @@ class Health:
     healthy: tuple[str, ...] | None
     findings: Sequence[Mapping[str, Any]]
     angle_unit: str = "rad"
+    load_unit: str = "kg"
     goes_on: bool = False
 
 
