@@ -143,6 +143,52 @@ def test_a_log_of_the_motors_alone(tmp_path, names):
     np.testing.assert_array_equal(recording.dq[:, 1], columns["dq_1"])
 
 
+@pytest.mark.parametrize(
+    ("gear", "applied"),
+    [
+        ("ratio = [50, 80, 120]", ["q", "dq", "ddq_motor"]),
+        ('ratio = [50, 80, 120]\napply_to = ["q_motor", "dq_motor"]', ["q", "dq"]),
+        ('ratio = [50, 80, 120]\napply_to = ["q", "dq"]', ["q", "dq"]),
+    ],
+)
+def test_gears_and_signs_of_motors_go_with_them(tmp_path, gear, applied):
+    """Their own turns were read as the links' where rules say which gears the motors have, and in degrees then."""
+    robot, columns = write_robot(tmp_path), run(0, velocity=True)
+    log = {"t": columns["t"]}
+    for j, ratio in enumerate((50, 80, -120)):
+        log |= {f"{d}q_motor_{j}": ratio * columns[f"{d}q_{j}"] for d in ("", "d")} | {f"tau_{j}": columns[f"tau_{j}"]}
+    path, known = write_csv(tmp_path / "run.csv", log), tmp_path / "known.toml"
+    known.write_text(f"[gear]\n{gear}\n[signs]\nq_motor = [1, 1, -1]\n")
+    _, written = init(tmp_path, robot, path, "--config", known)
+    assert written["gear"] == {"ratio": [50.0, 80.0, 120.0], "apply_to": applied}
+    assert written["signs"] == {"q": [1, 1, -1]}
+    recording = read_run(path, RobotModel.from_urdf(robot), read_config(tmp_path / "dynid.toml")).recording
+    for j in range(3):
+        np.testing.assert_allclose(recording.q[:, j], columns[f"q_{j}"], rtol=1e-12)
+        np.testing.assert_allclose(recording.dq[:, j], columns[f"dq_{j}"], rtol=1e-12)
+
+
+def test_gears_of_the_robot_stay_so(tmp_path):
+    """What is on the motors' side by the robot file's ratios was lost in the file that is written."""
+    known, columns = tmp_path / "known.toml", run(0)
+    known.write_text('[gear]\napply_to = ["tau"]\n')
+    drives = "".join(
+        f'<transmission name="{name}_drive"><type>a</type><joint name="{name}"/><actuator name="{name}_motor">'
+        f'<drake:rotor_inertia value="1e-5"/><drake:gear_ratio value="{ratio}"/></actuator></transmission>'
+        for name, ratio in zip(JOINTS, (50, 80, 120), strict=True)
+    )
+    robot = tmp_path / "geared.urdf"
+    text = write_robot(tmp_path).read_text().replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ')
+    robot.write_text(text.replace("</robot>", f"{drives}</robot>"))
+    for j, ratio in enumerate((50, 80, 120)):
+        columns[f"tau_{j}"] /= ratio
+    path = write_csv(tmp_path / "run.csv", columns)
+    _, written = init(tmp_path, robot, path, "--config", known)
+    assert written["gear"] == {"apply_to": ["tau"]}
+    recording = read_run(path, RobotModel.from_urdf(robot), read_config(tmp_path / "dynid.toml")).recording
+    np.testing.assert_allclose(recording.tau[:, 2], run(0)["tau_2"], rtol=1e-12)
+
+
 def test_motors_beside_positions_that_are_told_are_the_motors(tmp_path):
     """Where rules say which columns the positions are, the motors' encoder was lost, and its velocity the links'."""
     robot, columns = write_robot(tmp_path), run(0, velocity=True)

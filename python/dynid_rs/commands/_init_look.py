@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -153,7 +153,7 @@ def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
         columns["t"] = names.time[0]
     if "tau" in columns and "current" in columns:
         columns.pop("current")
-    guessed = replace(rules, columns={**columns, **said, **given.columns}, units=spoken.units)
+    guessed = replace(_moved(rules, names.moved), columns={**columns, **said, **given.columns}, units=spoken.units)
     with lists_explained(table, joints):
         try:
             match_columns(table, joints, guessed)
@@ -166,6 +166,14 @@ def _named(robot: Any, path: Path, rules: Config, name: str) -> Look:
                 column=error.column,
             ) from None
     return Look(guessed, guessed=names)
+
+
+def _moved(rules: Config, names: Mapping[str, str]) -> Config:
+    """Gears and signs of motors whose signals are read as those of the links: they go with them."""
+    applies = tuple(names.get(signal, signal) for signal in rules.gear_apply_to)
+    own = {signal: sign for signal, sign in rules.signs.items() if signal not in names}
+    signs = {names[signal]: sign for signal, sign in rules.signs.items() if signal in names} | own
+    return replace(rules, gear_apply_to=tuple(dict.fromkeys(applies)), signs=signs)
 
 
 def _fits(rule: ColumnRule, joints: Sequence[str], names: Sequence[str]) -> bool:

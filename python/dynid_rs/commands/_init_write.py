@@ -126,6 +126,7 @@ def _rest(robot: Any, found: Look) -> Iterator[str]:
             known["file", name] = quoted(value)
     if rules.gear_ratio is not None:
         known["gear", "ratio"] = json.dumps(list(rules.gear_ratio))
+    if rules.gear_ratio is not None or rules.gear_of_robot:
         known["gear", "apply_to"] = json.dumps([name for name in rules.gear_apply_to])
     if rules.drive_gain is not None:
         known["drive", "gain"] = json.dumps(list(rules.drive_gain))

@@ -59,7 +59,8 @@ class Guess:
     """Rules that names suggest, and what remains open.
 
     `columns`: as in `dynid.toml`; `time`: candidates, best first; `others`: families that were not taken, by why;
-    `doubts`: what to look at; `questions`: what has to be answered before the columns are used.
+    `doubts`: what to look at; `questions`: what has to be answered before the columns are used; `moved`: signals of
+    motors that are read as those of the links, by which ones they are then.
     """
 
     columns: dict[str, ColumnRule] = field(default_factory=dict)
@@ -67,6 +68,7 @@ class Guess:
     others: dict[str, str] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
+    moved: dict[str, str] = field(default_factory=dict)
 
 
 def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str], known: Collection[str] = ()) -> Guess:
@@ -103,8 +105,9 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str],
         nameless.remove(plain[0])
     elif not has_positions and "q_motor" in options:
         for link, motor in (("q", "q_motor"), ("dq", "dq_motor")):
-            if link not in options and motor in options:
+            if link not in options and link not in known and motor in options:
                 options[link] = options.pop(motor)
+                found.moved[motor] = link
                 found.columns[motor] = None  # its usual names would take these columns once more
         found.doubts.append(
             "the only positions are the motors': they are read as those of the links; if they are the motors' own "
