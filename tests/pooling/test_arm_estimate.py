@@ -11,7 +11,8 @@ from helpers.small_arm import URDF, run
 
 from dynid_rs import ArmEstimate, LinkDynamicsIdentifier, Recording, RobotModel, ThreeLoopIdentifier
 from dynid_rs.identification.results import evaluate_runs, summarise
-from dynid_rs.pooling.arm import _mark, gain_response
+from dynid_rs.pooling.arm import _mark
+from dynid_rs.pooling.gains import gain_response
 
 ROBOT = RobotModel.from_urdf_string(URDF)
 

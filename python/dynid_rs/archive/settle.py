@@ -33,7 +33,8 @@ class Settled:
     stages : list of TorqueModel
         Baseline, it with the first loop's friction, both loops, all three.
     covariance, gains_known : ndarray (n_columns, n_columns)
-        Of all unknowns: columns of all runs, the noise's spectrum from the sample; the same at known gains.
+        Of all unknowns: columns of all runs, the noise's spectrum from the sample; the same at known gains. The first
+        has the logarithms of fitted gains (n_joints,) last.
     rmse : ndarray (n_joints,)
         What the model leaves of all runs [torque unit].
     """

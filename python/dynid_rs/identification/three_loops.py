@@ -327,13 +327,22 @@ class ThreeLoopIdentifier(RunRegressor):
         goes with links that are too light.
         """
         check_is_fitted(self, "links_")
+        n = len(self.links_.x_)
+        return self._whole_covariance(gains_known)[:n, :n]
+
+    def covariance_with_gains(self) -> FloatArray:
+        """`parameter_covariance`; where gains were fitted, their logarithms (n_joints,) come last."""
+        check_is_fitted(self, "links_")
+        return self._whole_covariance(False)
+
+    def _whole_covariance(self, gains_known: bool) -> FloatArray:
         if self._covariance is not None:
             return self._covariance[gains_known]
         gains = None if gains_known else self.loops_.gains
         return parameter_covariance(self.observations_, self.links_, self.runs_, gains=gains)
 
     def take_covariance(self, covariance: FloatArray, gains_known: FloatArray) -> None:
-        """Use a covariance that was found from more than `runs_`, and the one at known gains."""
+        """Use a `covariance_with_gains` that was found from more than `runs_`, and the one at known gains."""
         self._covariance = covariance, gains_known
 
     def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:

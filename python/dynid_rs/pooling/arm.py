@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.identification.results import base_names
 from dynid_rs.identification.smooth_friction import sign_by_way
+from dynid_rs.pooling.gains import gain_response, log_gains
 from dynid_rs.regression.columns import Plan
-from dynid_rs.regression.systems import stack
 from dynid_rs.regression.uncertainty import NORMAL_95
 
 if TYPE_CHECKING:
@@ -39,6 +39,9 @@ NUMBERS = ("x", "gain_response", "speed", "error", "torque_std", "error_spread")
 @dataclass(frozen=True, eq=False)
 class ArmEstimate:
     """What the fit of one arm says of its p unknowns: base parameters first, then every joint's own coefficients.
+
+    Where gains of torque channels were fitted (of currents), the logarithms of all joints' come last: a channel that
+    shows more moves these first.
 
     Parameters
     ----------
@@ -112,7 +115,19 @@ class ArmEstimate:
     def unknowns(self) -> tuple[str, ...]:
         """Names of all unknowns, (p,)."""
         own = tuple(f"{name} of {joint}" for joint in self.joints for name in self.own_names)
-        return (*self.names, *own)
+        gains = tuple(f"torque_scale of {joint}" for joint in self.joints)
+        return (*self.names, *own, *gains)[: len(self.x)]
+
+    @property
+    def n_scales(self) -> int:
+        """Torque scales among the unknowns: those of all joints, or none."""
+        return len(self.x) - self.n_base - self.n_joints * len(self.own_names)
+
+    def split(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Of `x` base parameters (n_base,), own coefficients (n_joints, n_own), torque scales (n_joints,)."""
+        last = len(x) - self.n_scales
+        scale = np.exp(x[last:]) if self.n_scales else None
+        return x[: self.n_base], x[self.n_base : last].reshape(self.n_joints, -1), scale
 
     @property
     def form(self) -> tuple[Any, ...]:
@@ -170,6 +185,7 @@ class ArmEstimate:
         square = np.nanmean(np.concatenate(moving) ** 2, axis=0)
         test = result["rmse"]["test"]
         names, base = tuple(base_names(plan)), result["parameters"]["base"]
+        gains, free = log_gains(identifier)
         return ArmEstimate(
             name=name,
             type=robot.name,
@@ -182,9 +198,9 @@ class ArmEstimate:
             base_links=tuple(entry["link"] for entry in base),
             base_units=tuple(entry["unit"] for entry in base),
             own_names=tuple(name for effect in plan.effects for name in effect.coefficient_names),
-            estimable=plan.estimable(),
-            x=np.asarray(links.x_),
-            covariance=identifier.parameter_covariance(gains_known=True),
+            estimable=np.append(plan.estimable(), free),
+            x=np.append(links.x_, gains),
+            covariance=identifier.covariance_with_gains(),
             gain_response=gain_response(identifier),
             regrouping=_regrouping(plan),
             friction=(effect.kind, tuple((key, tuple(values)) for key, values in effect.shape)),
@@ -249,33 +265,6 @@ class ArmEstimate:
             regrouping=regrouping,
             friction=(kind, tuple((key, tuple(values)) for key, values in shape)),
         )
-
-
-def gain_response(identifier: ThreeLoopIdentifier) -> FloatArray:
-    """What the estimate does when one joint's torque channel shows more: (n_joints, p), per relative change.
-
-    The fit solves ``H x = sum_j w_j^2 C_j' tau_j + P'b`` with ``H = sum_j w_j^2 C_j' C_j + P'P`` (P, b the prior's
-    rows), a friction experiment's rows among the joints'. A channel that shows ``(1 + g) tau_j`` adds ``g r_j`` to x,
-    ``r_j = H^-1 w_j^2 C_j' tau_j``, weights and prior held. The rows of all joints and the prior's part add up to x
-    itself.
-    """
-    links, observations = identifier.links_, identifier.observations_
-    plan, factors, weights = observations.plan, observations.factors(), links.weights_
-    groups = [stack(plan, factors, weights, links.torque_scale_)]
-    groups += [stack(plan, beside.rows, np.ones(len(factors)), links.torque_scale_) for beside in links.beside_]
-    rows = np.concatenate([*groups, *([] if links.posterior_ is None else [links.posterior_.pull])])
-    norms = np.linalg.norm(rows[:, :-1], axis=0)
-    used = plan.estimable() & (norms > 0)
-    columns = rows[:, :-1][:, used] / norms[used]
-    inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
-    of_joint = [np.repeat(np.arange(len(factors)), [len(factor) for factor in factors])]
-    of_joint += [np.repeat(np.arange(len(factors)), [len(R) for R in beside.rows]) for beside in links.beside_]
-    system, whose = np.concatenate(groups), np.concatenate(of_joint)
-    response = np.zeros((len(factors), plan.n_columns))
-    for j in range(len(factors)):
-        own = system[whose == j]
-        response[j, used] = inverse @ (own[:, :-1][:, used] / norms[used]).T @ own[:, -1] / norms[used]
-    return response
 
 
 def _regrouping(plan: Plan) -> FloatArray:

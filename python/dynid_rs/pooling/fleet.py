@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
-from dynid_rs.model.assembly import with_parts
+from dynid_rs.model.assembly import with_changes
 from dynid_rs.pooling.arm import ArmEstimate
 from dynid_rs.pooling.causes import Cause, causes
 from dynid_rs.pooling.hierarchy import least_arms
@@ -141,8 +141,8 @@ class Fleet(Estimator):
         one, i = self._place(name)
         arm, (x, _) = one.arms[i], self.shrunken(name)
         phi = np.zeros(10 * model.robot.n_joints)
-        phi[np.asarray(model.robot.base_parameters().pivots)] = x[: arm.n_base]
-        own = x[arm.n_base :].reshape(arm.n_joints, -1)
+        base, own, scale = arm.split(x)
+        phi[np.asarray(model.robot.base_parameters().pivots)] = base
         effects, first = [], 0
         for effect, coefficients in model.effects:
             last = first + effect.n_columns
@@ -151,7 +151,8 @@ class Fleet(Estimator):
             effects.append((effect, coefficients))
         if first != len(arm.own_names):
             raise ValueError(f"the model does not have the coefficients of {name!r}; is it another arm's?")
-        return with_parts(model, phi, effects)
+        channels = {} if scale is None else {"torque_scale": scale.tolist()}
+        return with_changes(model, phi=phi, effects=effects, **channels)
 
     def odd(self) -> list[ArmVerdict]:
         """Odd arms, the farthest first."""

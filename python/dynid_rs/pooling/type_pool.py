@@ -58,12 +58,15 @@ class TypePool:
     def deviation(self, i: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """How far arm i is from its type: distance (k,), its covariance (k, k), and which unknowns are meant, (p,).
 
-        ``x_i - mu ~ N(0, S_i + diag T)`` for an arm that is not odd.
+        ``x_i - mu ~ N(0, S_i + diag T)`` for an arm that is not odd. What S_i says of torque scales and links together
+        is left out: it knows their product to a part of what either deviates by, which no sum of columns follows.
         """
         arm = self.arms[i]
         spread = np.diag(arm.covariance) + self.power
         used = arm.estimable & (spread > 0)
-        covariance = arm.covariance[np.ix_(used, used)] + np.diag(self.power[used])
+        noise, first = arm.covariance.copy(), len(arm.x) - arm.n_scales
+        noise[:first, first:], noise[first:, :first] = 0.0, 0.0
+        covariance = noise[np.ix_(used, used)] + np.diag(self.power[used])
         return (arm.x - self.mean)[used], covariance, used
 
     @cached_property

@@ -41,8 +41,9 @@ def parameter_covariance(
     """Covariance of all unknowns (n_columns, n_columns); zeros for those that were not estimated.
 
     Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`; so do the
-    torque channels' `gains`, or as known without. Where a ridge was used, this is the covariance without it: wider,
-    because the ridge's bias is not in it. Thresholds count as known, residuals of different joints as uncorrelated.
+    torque channels' `gains`, whose logarithms (n_joints,) come last then, or as known without. Where a ridge was used,
+    this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds count as known,
+    residuals of different joints as uncorrelated.
 
     Rows that stood beside the runs' are as noisy as the fit leaves them, and remember as long as the joint's noise.
 
@@ -55,7 +56,7 @@ def parameter_covariance(
         products = sum(toeplitz_product(run, noise.spectrum) for run in grids)
         meat[np.ix_(places, places)] += fit.weights[j] ** 2 * products
     meat += _noise_beside(fit.beside, noises)
-    return _of_all_unknowns(fit.bread @ meat @ fit.bread, fit.used)
+    return _of_all_unknowns(fit.bread @ meat @ fit.bread, fit.used, gains)
 
 
 def noise_spectra(
@@ -82,7 +83,7 @@ def covariance_of_products(
     """
     used, weights = plan.estimable(), row_weights(links)
     n, n_used = plan.robot.n_joints, int(used.sum())
-    pull = _prior_rows(links, used, n_used + n, gains)
+    pull = prior_rows(links, used, n_used + n, gains)
     stacked, meat = [pull], pull.T @ pull
     for j, (R, product) in enumerate(zip(factors, products, strict=True)):
         known, at, factor = _known_columns(plan, links, j, used)
@@ -98,7 +99,7 @@ def covariance_of_products(
     beside = _rows_beside(plan, links, used, n_used + n, pull.shape[1], gains)
     meat += _noise_beside(beside, noises)
     bread = _inverse(np.concatenate([*stacked, *(rows for rows, _, _ in beside)]))
-    return _of_all_unknowns(bread @ meat @ bread, used)
+    return _of_all_unknowns(bread @ meat @ bread, used, gains)
 
 
 def row_weights(links: FittedLinks) -> FloatArray:
@@ -109,11 +110,17 @@ def row_weights(links: FittedLinks) -> FloatArray:
     return links.weights_**2
 
 
-def _of_all_unknowns(covariance: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
-    """Covariance among all unknowns from that of the ones in use, which come first; zeros for the others."""
-    n_used = int(used.sum())
+def _of_all_unknowns(covariance: FloatArray, used: BoolArray, gains: Gains | None) -> FloatArray:
+    """Covariance among all unknowns from that of the ones in use, which come first; zeros for the others.
+
+    With `gains` it ends with their logarithms (n_joints,) and the unit's, which is left out.
+    """
+    kept = np.arange(int(used.sum()))
+    if gains is not None:
+        first = len(covariance) - 1 - len(gains.joints)
+        used, kept = np.append(used, gains.joints), np.append(kept, first + np.flatnonzero(gains.joints))
     whole = np.zeros((len(used), len(used)))
-    whole[np.ix_(used, used)] = covariance[:n_used, :n_used]
+    whole[np.ix_(used, used)] = covariance[np.ix_(kept, kept)]
     return whole
 
 
@@ -136,7 +143,7 @@ class _Weighed:
         self.columns = [_columns(observations, links, runs, j, self.used, fitted_widths) for j in range(n)]
         for j in [] if gains is None else np.flatnonzero(gains.joints).tolist():
             self.columns[j] = _with_gain(plan, links, j, self.used, self.columns[j], shapes + j)
-        self.pull = _prior_rows(links, self.used, shapes, gains)
+        self.pull = prior_rows(links, self.used, shapes, gains)
         self.beside = _rows_beside(plan, links, self.used, shapes, self.pull.shape[1], gains)
         held = np.concatenate([self.pull, *(rows for rows, _, _ in self.beside)])
         self.bread = _bread(self.columns, np.sqrt(self.weights), held)
@@ -260,7 +267,7 @@ def law_slopes(friction: _core.Effect, states: States, j: int, coefficients: Flo
     return result
 
 
-def _prior_rows(links: FittedLinks, used: NDArray[np.bool_], width: int, gains: Gains | None = None) -> FloatArray:
+def prior_rows(links: FittedLinks, used: NDArray[np.bool_], width: int, gains: Gains | None = None) -> FloatArray:
     """Root of the prior's precision in the columns in use, (rank, width); no rows without one.
 
     Behind them, where `gains` were fitted, stand the logarithms of all joints' and of the unit: of the former is known
