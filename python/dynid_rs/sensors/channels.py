@@ -26,7 +26,7 @@ from dynid_rs.sensors.changes import Bench, Trial, wiring_trials
 from dynid_rs.sensors.fit import ArmFit
 from dynid_rs.sensors.gravity import gravity_trial, is_another
 from dynid_rs.sensors.lag import Lag, lags
-from dynid_rs.sensors.payload import payload_trials
+from dynid_rs.sensors.payload import carried, payload_trials
 from dynid_rs.sensors.rows import ArmRows
 from dynid_rs.sensors.units import unit_fits, unit_trials
 
@@ -148,14 +148,17 @@ def _wired(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]
 
 
 def _units(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tuple[Trial, Finding]]:
-    for trial, gains in unit_trials(bench):
+    for trial, gains, alone in unit_trials(bench):
         whole = len(trial.runs) == len(names)
         if whole and not judged:
             continue
         # Whether one gain for all is a unit, only the robot file's masses say: no likelihood does.
         typical = float(np.median(gains))
         explained = bool(np.median(trial.fit.share) < EXPLAINED)
-        if explained and not 1 / UNIT < typical < UNIT:
+        if not explained or 1 / UNIT < typical < UNIT:
+            continue
+        # Of one joint a load may be the reason as well: what slides has inertia as of a rotor, and says neither.
+        if not alone or trial.fit.log - carried(bench, trial.runs).log > ENOUGH:
             yield trial, words.unit(bench, trial, names, gains)
 
 

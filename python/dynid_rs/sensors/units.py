@@ -13,6 +13,7 @@ from dynid_rs.sensors.fit import MEMORY, ArmFit, fit_arms
 from dynid_rs.sensors.rows import N_OWN
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 N_ROUNDS = 8
 LEAST_SHARE = 0.01
@@ -20,11 +21,14 @@ LEAST_SHARE = 0.01
 rotor could be all of it, and no gain is told."""
 
 
-def unit_trials(bench: Bench) -> Iterator[tuple[Trial, FloatArray]]:
-    """Gains [N m per what was recorded] of every channel, in all runs or in one; with the gains (n_joints,)."""
+def unit_trials(bench: Bench) -> Iterator[tuple[Trial, FloatArray, bool]]:
+    """Gains [N m per what was recorded] of every channel, in all runs or in one; with the gains (n_joints,).
+
+    The last one says whether one joint at most tells a gain, which the others have got from it.
+    """
     for runs in bench.places:
-        [(fit, gains)] = _gains([bench], runs)
-        yield Trial("torque_unit", tuple(range(len(gains))), runs, fit), gains
+        [(fit, gains)], told = _gains([bench], runs)
+        yield Trial("torque_unit", tuple(range(len(gains))), runs, fit), gains, bool(1 >= told.sum() < len(gains))
 
 
 def unit_fits(benches: Sequence[Bench]) -> list[tuple[ArmFit, FloatArray]]:
@@ -32,11 +36,15 @@ def unit_fits(benches: Sequence[Bench]) -> list[tuple[ArmFit, FloatArray]]:
 
     The same runs on all benches.
     """
-    return _gains(benches, range(len(benches[0].plain)))
+    return _gains(benches, range(len(benches[0].plain)))[0]
 
 
-def _gains(benches: Sequence[Bench], runs: Sequence[int]) -> list[tuple[ArmFit, FloatArray]]:
-    """Fit links and gains of several benches in turn, from what the robot file predicts."""
+def _gains(benches: Sequence[Bench], runs: Sequence[int]) -> tuple[list[tuple[ArmFit, FloatArray]], BoolArray]:
+    """Fit links and gains of several benches in turn, from what the robot file predicts.
+
+    With the channels (n_benches, n_joints) that what is predicted told a gain of: what is fitted beside the gain of
+    another joint tells the same one.
+    """
     first = benches[0]
     n, n_runs = first.robot.n_joints, len(first.plain)
     gains = np.ones((len(benches), n))
@@ -50,8 +58,10 @@ def _gains(benches: Sequence[Bench], runs: Sequence[int]) -> list[tuple[ArmFit, 
     columns = np.array([np.sum([bench.plain[k].columns for k in runs], axis=0) for bench in benches])
     cross = np.array([np.sum([bench.plain[k].cross[:, :, 0] for k in runs], axis=0) for bench in benches])
     best: list[tuple[ArmFit, FloatArray]] = []
+    from_file: BoolArray | None = None
     for _ in range(N_ROUNDS):
         told = _told(columns, cross, np.array(x)[:, : len(first.prior.mean)])
+        from_file = ~np.isnan(told) if from_file is None else from_file
         gains = np.where(np.isnan(told).all(axis=1, keepdims=True), gains, told)
         # A channel that says nothing is in the unit of the others.
         gains = np.where(np.isnan(gains), np.nanmedian(gains, axis=1, keepdims=True), gains)
@@ -66,7 +76,7 @@ def _gains(benches: Sequence[Bench], runs: Sequence[int]) -> list[tuple[ArmFit, 
         fits = [replace(fit, log=fit.log + float(more)) for fit, more in zip(fits, stretched, strict=True)]
         now = list(zip(fits, gains, strict=True))
         best = [max(pair, key=lambda one: one[0].log) for pair in zip(best or now, now, strict=True)]
-    return best
+    return best, np.asarray(from_file)
 
 
 def _told(columns: FloatArray, cross: FloatArray, phi: FloatArray) -> FloatArray:
