@@ -234,12 +234,12 @@ def test_runs_go_on_from_one_another_where_it_is_remembered(arm, tmp_path):
     assert "(settled)" in first.stdout
     assert known.exists()
     again = watched(arm, "worn", options=["--remember", known])
-    assert "worn.parquet: nothing has changed" in again.stdout, again.stdout
+    assert "worn.parquet: nothing new" in again.stdout, again.stdout
     assert again.exit_code == 0
     assert "(settled)" in watched(arm, "worn").stdout
     both = watched(arm, "harder", "worn", options=["--remember", tmp_path / "other.json"])
     assert both.stdout.count("(settled)") == 1
-    assert "worn.parquet: nothing has changed" in both.stdout
+    assert "worn.parquet: nothing new" in both.stdout
     refused = refusal(watched(arm, "same", options=["--remember", known, "--tolerate", "gain=0.2"]))
     assert str(known) in refused
     assert "of another model, or of a watch with other settings" in refused
@@ -294,7 +294,7 @@ def test_what_stood_before_a_call_stands_at_its_end(arm, tmp_path):
     first = float(line.search(prom.read_text())[1])
     assert first == pytest.approx(0.2, rel=0.1)
     later = watched(arm, "worn", options=["--remember", known, "--prometheus", prom])
-    assert "worn.parquet: nothing has changed" in later.stdout
+    assert "worn.parquet: nothing new" in later.stdout
     assert float(line.search(prom.read_text())[1]) == pytest.approx(first, rel=1e-9)
 
 
@@ -304,7 +304,8 @@ def test_what_stood_before_is_said_and_is_no_news(arm, tmp_path):
     later = watched(arm, "worn", options=["--remember", known])
     assert later.exit_code == 0
     joint = model().robot.joint_names[1]
-    assert re.search(rf"^  stood before: {joint}: friction \+(19|20|21|22) % ", later.stdout, re.M), later.stdout
+    said = rf"^worn.parquet: nothing new\n  stood before: {joint}: friction \+(19|20|21|22) % "
+    assert re.search(said, later.stdout, re.M), later.stdout
     answer = json.loads(watched(arm, "worn", options=["--remember", known, "--json"]).stdout)
     (before,) = answer["runs"][0]["before"]
     assert (before["kind"], before["joint"], before["said"]) == ("friction", joint, "settled")

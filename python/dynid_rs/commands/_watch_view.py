@@ -49,7 +49,8 @@ def lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[
     """One line per change, and what was not seen."""
     said = []
     for run in watched:
-        nothing = "nothing has changed" if run.watched.any() else "could not be watched"
+        nothing = "nothing new" if run.before else "nothing has changed"
+        nothing = nothing if run.watched.any() else "could not be watched"
         said.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
         said += [f"  stood before: {change.place}{change.what}" for change in run.before]
         said += [f"  {change}" for change in run.changes]
