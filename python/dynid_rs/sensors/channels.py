@@ -26,7 +26,7 @@ from dynid_rs.sensors.changes import Bench, Trial, wiring_trials
 from dynid_rs.sensors.fit import ArmFit
 from dynid_rs.sensors.gravity import gravity_trial, is_another
 from dynid_rs.sensors.lag import Lag, lags
-from dynid_rs.sensors.payload import carried, payload_trials
+from dynid_rs.sensors.payload import beside_a_common_load, carried, payload_trials
 from dynid_rs.sensors.rows import ArmRows
 from dynid_rs.sensors.units import unit_fits, unit_trials
 
@@ -126,8 +126,12 @@ def _candidates(
 
 
 def _loaded(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tuple[Trial, Finding]]:
-    for trial, mass in payload_trials(bench) if len(names) > 1 else ():
-        if _clear(bench, trial) and (len(names) > 2 or mass > 0):
+    for trial in payload_trials(bench) if len(names) > 1 else ():
+        if not _clear(bench, trial):
+            continue
+        # A load of all runs that the robot file lacks is no difference between them.
+        gained, mass = beside_a_common_load(bench, trial.runs[0])
+        if gained > ENOUGH and (len(names) > 2 or mass > 0):
             yield trial, words.payload(trial, names, mass if judged else None)
 
 

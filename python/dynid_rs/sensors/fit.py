@@ -52,11 +52,20 @@ class ArmPrior:
 
     def with_body(self) -> ArmPrior:
         """The prior with a body on the last link, which may weigh a tenth of the arm or take as much off it."""
+        return ArmPrior(np.concatenate([self.mean, np.zeros(10)]), np.concatenate([self.std, self._body()]))
+
+    def carrying(self) -> ArmPrior:
+        """The prior of an arm whose last link may hold such a body all the time, with room for another one."""
+        std, body = self.std.copy(), self._body()
+        std[-10:] = np.hypot(std[-10:], body)
+        return ArmPrior(np.concatenate([self.mean, np.zeros(10)]), np.concatenate([std, body]))
+
+    def _body(self) -> FloatArray:
         links = self.std.reshape(-1, 10)
         mass = BODY * float(links[:, 0].sum())
         reach = float(np.sqrt(np.max(links[:, 4:] / links[:, :1])))
-        std = mass * np.array([1.0, *[reach] * 3, *[reach**2] * 6])
-        return ArmPrior(np.concatenate([self.mean, np.zeros(10)]), np.concatenate([self.std, std]))
+        body: FloatArray = mass * np.array([1.0, *[reach] * 3, *[reach**2] * 6])
+        return body
 
 
 def _spread(link: FloatArray, *, declared: bool) -> FloatArray:

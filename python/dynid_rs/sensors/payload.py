@@ -8,12 +8,20 @@ from dynid_rs.sensors.changes import Bench, Trial
 from dynid_rs.sensors.fit import ArmFit, fit_arm
 
 
-def payload_trials(bench: Bench) -> Iterator[tuple[Trial, float]]:
-    """A body on the last link in one run only; with its mass [kg], negative for one that is missing there."""
-    at = len(bench.prior.mean)
+def payload_trials(bench: Bench) -> Iterator[Trial]:
+    """A body on the last link in one run only, or one that is missing there."""
     for k in bench.odd:
-        fit = carried(bench, (k,))
-        yield Trial("payload_change", (bench.robot.n_joints - 1,), (k,), fit), float(fit.x[at])
+        yield Trial("payload_change", (bench.robot.n_joints - 1,), (k,), carried(bench, (k,)))
+
+
+def beside_a_common_load(bench: Bench, run: int) -> tuple[float, float]:
+    """What another body on one run gains [nats] where all runs may carry one, and its mass [kg]."""
+    prior, at = bench.prior.carrying(), len(bench.prior.mean)
+    common, other = (
+        fit_arm(prior, [plain.with_body(carried=k == one) for k, plain in enumerate(bench.plain)], bench.size)
+        for one in (None, run)
+    )
+    return other.log - common.log, float(other.x[at])
 
 
 def carried(bench: Bench, where: Sequence[int]) -> ArmFit:
