@@ -94,6 +94,16 @@ def test_an_effect_without_a_name_has_no_numbers_of_the_law_that_stands_in_for_i
     assert "stribeck pos" in page_of(tmp_path, result)[1].text
 
 
+def test_a_channel_that_is_early_is_not_said_to_be_late(tmp_path: Path) -> None:
+    result = make_diagnosis(3)
+    early = {"name": "delay", "value": -0.02, "unit": "s", "interval": [-0.025, -0.015]}
+    entry = made_diagnosis.entry("torque_delay", result["joints"], [2.0] * 3, [1.0] * 3)
+    result["effects"] = [entry | {"parameters": [early]}]
+    _, page = page_of(tmp_path, result)
+    assert "The torque channel comes late" not in page.text
+    assert "or earlier where its delay is negative" in page.text
+
+
 def test_points_of_a_delay_of_all_joints_are_of_one_joint_alone(tmp_path: Path) -> None:
     result = make_diagnosis(3)
     drawn = {**made_diagnosis.plot("tau_rate_joint_1"), "joint": "joint_1"}

@@ -1,4 +1,4 @@
-"""Curves of what the torque channel does to all torques of a joint: it comes late, or shows too much.
+"""Curves of what the torque channel does to all torques of a joint: it is late or early, or shows too much.
 
 Their fit cannot be undone column by column, so that ``result.json`` holds no points; the table of residuals does:
 

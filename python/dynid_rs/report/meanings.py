@@ -27,7 +27,7 @@ MEANINGS = {
     "backlash": "The gear has play: the motor turns a little before the link follows.",
     "encoder_delay": "Motor and link encoder are not read at the same instant.",
     "encoder_eccentricity": "An encoder disc is not centred: it shows an error that comes once a turn.",
-    "torque_delay": "The torque channel comes late against the positions.",
+    "torque_delay": "The torque channel is later than the positions, or earlier where its delay is negative.",
     "torque_gain": "The torque channel shows too much or too little, by a constant factor.",
     "unknown": "Something is there that depends on the signals below, and no name of the catalogue fits it.",
 }
