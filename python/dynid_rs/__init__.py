@@ -179,4 +179,6 @@ def rmse(measured: Any, predicted: Any) -> Any:
     """Root mean square of measured minus predicted, (n_samples, n_joints) each: (n_joints,)."""
     import numpy as np
 
-    return np.sqrt(np.mean((np.asarray(measured) - np.asarray(predicted)) ** 2, axis=0))
+    from dynid_rs.base.masked import unmasked
+
+    return np.sqrt(np.mean((np.asarray(unmasked(measured)) - np.asarray(unmasked(predicted))) ** 2, axis=0))

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.boundary_calls import Call, calls
 from helpers.data import ROOT
+from helpers.robots import random_chain
 from helpers.spoiled import ENDLESS, LONGEST, NO_ARRAYS, REFUSALS, as_array, outcome, spoiled_arrays
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -109,6 +110,22 @@ def test_spoiled_arguments_are_refused_with_a_sentence(name: str, known: dict[st
 
     if call.arguments:
         refused()
+
+
+TWO_JOINTS = _core.RobotModel.from_urdf_string(random_chain(0).urdf)
+
+
+@pytest.mark.parametrize("dtype", [float, int])
+def test_what_a_mask_hides_is_missing(dtype: type) -> None:
+    """The numbers behind the mask were taken for measured ones."""
+    hidden = np.ma.array([[1, 2], [3, 99], [5, 7]], dtype=dtype)
+    hidden[1, 1] = np.ma.masked
+    with pytest.raises(ValueError, match="q holds NaN at row 1, column 1; every value must be finite"):
+        TWO_JOINTS.inverse_dynamics(hidden, np.zeros((3, 2)), np.zeros((3, 2)))
+    plain = np.array([[1, 2], [3, np.nan], [5, 7]])
+    np.testing.assert_array_equal(_core.slope(hidden, 10.0), _core.slope(plain, 10.0))
+    hidden[1, 1] = 4
+    np.testing.assert_array_equal(_core.slope(hidden, 10.0), _core.slope(np.asarray(hidden), 10.0))
 
 
 def test_rows_in_lists_are_taken_as_arrays_are() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.run_files import folder_of_another_user, motion
 
+import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import atomic_path, write_json, write_table
 from dynid_rs.base.findings import Finding
@@ -52,6 +53,21 @@ def test_moments_that_are_missing_or_no_time_are_refused():
         Recording(**arrays(t=lost))
     with pytest.raises(ValueError, match=r"tau must be an array of numbers, got timedelta64\[ms\]"):
         Recording(**arrays(tau=np.stack([STEPS] * 3, axis=1)))
+
+
+def test_what_a_mask_hides_is_missing():
+    """The numbers behind the mask were taken for measured ones."""
+    hidden = np.ma.array(arrays()["q"])
+    hidden[7, 1] = np.ma.masked
+    with pytest.raises(DataError, match=r"row 8, column q_1: nan is not a finite number"):
+        Recording(**arrays(q=hidden))
+    late = np.ma.array(STEPS)
+    late[7] = np.ma.masked
+    with pytest.raises(DataError, match=r"row 8, column t: nan is not a finite number"):
+        Recording(**arrays(t=late))
+    whole = np.ma.array(arrays()["q"])
+    np.testing.assert_array_equal(Recording(**arrays(q=whole)).q, arrays()["q"])
+    np.testing.assert_array_equal(np.isnan(dyn.rmse(hidden, whole)), [False, True, False])
 
 
 def test_slice_and_without():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid_rs.base.masked import unmasked
 from dynid_rs.runs.cells import TIME_UNITS, check_finite, check_time, seconds_of, usual_step
 
 if TYPE_CHECKING:
@@ -373,7 +374,7 @@ def _as_floats(values: ArrayLike, name: str) -> FloatArray:
     try:
         if values is None:
             raise TypeError
-        given = np.asarray(values)
+        given = np.asarray(unmasked(values))
         if given.dtype.kind in "mM":  # as numbers they are counts of some unit
             if name == "t" and given.ndim == 1:
                 return seconds_of(given)

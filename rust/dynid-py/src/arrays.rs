@@ -10,7 +10,8 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 
-/// `numpy.asarray(value, dtype=float, order="C")`; anything that is no array of numbers is a `TypeError` naming it.
+/// `numpy.asarray(value, dtype=float, order="C")`; anything that is no array of numbers is a `TypeError` naming it. What
+/// numpy's masked arrays hide is NaN.
 pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     // What is as it should be is not handed around.
     let as_it_is = value.cast_exact::<PyArrayDyn<f64>>();
@@ -19,8 +20,18 @@ pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<
     }
     let py = value.py();
     let options = [("dtype", "float64"), ("order", "C")].into_py_dict(py)?;
-    py.import("numpy")?
-        .call_method("asarray", (value,), Some(&options))
+    let numpy = py.import("numpy")?;
+    let masked = numpy.getattr("ma")?;
+    // A subclass of numpy's array, whose asarray hands out what stands behind the mask.
+    let numbers = if value.is_instance(&masked.getattr("MaskedArray")?)? {
+        masked
+            .call_method("asarray", (value, "float64", "C"), None)
+            .and_then(|floats| floats.call_method1("filled", (f64::NAN,)))
+    } else {
+        Ok(value.clone())
+    };
+    numbers
+        .and_then(|numbers| numpy.call_method("asarray", (numbers,), Some(&options)))
         .map_err(|_| PyTypeError::new_err(format!("{name} is not an array of numbers")))
 }
 
