@@ -204,6 +204,30 @@ def test_a_joint_that_stands_holds_what_its_friction_under_load_may(model):
     np.testing.assert_allclose(more, share * load[stands], rtol=0.1, atol=1e-9)
 
 
+def test_a_joint_that_stands_holds_what_its_friction_around_the_turn_may_there(model):
+    """There was room for its cosine alone, wherever the joint stood."""
+    cos, sin = 0.3, -0.8
+    around = _core.Effect.of(
+        "position_dependent_friction", cycles=[2.0] * N, transition_width=[0.005] * N, sharpness=[2.5] * N
+    )
+    parts = np.tile([cos, sin], (N, 1))
+    whole = [*model.effects, (around, parts)]
+    options = {"encoder_delay": [0.0] * N, "noise_std": NOISE.tolist(), "domain": model.domain}
+    arm = dyn.TorqueModel(model.robot, model.phi, whole, **options)
+    for place in (0.0, 0.4, 2.0):
+        t = np.arange(0, 1, 1 / RATE)
+        q = np.full((len(t), N), place)
+        still = np.zeros_like(q)
+        tau = model.robot.inverse_dynamics(q, still, still)
+        levels = [
+            dyn.MomentumObserver(one, time_constant=TIME_CONSTANT).observe(dyn.Recording(t, q, still, still, tau))
+            for one in (arm, model)
+        ]
+        more = levels[0].threshold[-1] - levels[1].threshold[-1]
+        there = cos * np.cos(2 * place) + sin * np.sin(2 * place)
+        np.testing.assert_allclose(more, there, rtol=0.1)
+
+
 def test_what_does_not_fit_is_refused(model):
     run = recording(model, 1.0)
     observer = dyn.MomentumObserver(model)

@@ -46,7 +46,7 @@ use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
 pub(crate) use crate::rest::rest_speeds;
-use crate::rest::{at_rest, of_load};
+use crate::rest::{at_rest, of_state};
 use crate::slices::{copy, mirror_fields, rows, Mirror};
 use crate::state::State;
 use crate::uncertainty::{Deviation, Doing, Uncertainty};
@@ -136,11 +136,11 @@ pub struct MomentumObserver {
     factors: Vec<f64>,
     workspace: Workspace,
     momenta: MomentumWorkspace,
-    /// Torque that remains of a joint that stands without load, and the speed below which it may.
+    /// Torque that remains of a joint that stands without load, less what follows the angle, and the speed below which it may.
     at_rest: Vec<[f64; 2]>,
-    /// Friction that grows with the load, and the speed of every joint at which its step is passed.
-    of_load: Vec<(usize, Vec<f64>)>,
-    /// Torque that remains of a joint that stands, with what its load adds.
+    /// Friction that grows with the load or follows the angle, and the speed of every joint at which its step is passed.
+    of_state: Vec<(usize, Vec<f64>)>,
+    /// Torque that remains of a joint that stands, with what its load and its angle add.
     holds: Vec<f64>,
     /// Time since each joint moved slowly \[s\].
     since_rest: Vec<f64>,
@@ -173,8 +173,8 @@ impl MomentumObserver {
     pub fn new(model: Arc<TorqueModel>, settings: ObserverSettings) -> Result<Self, CoreError> {
         settings.check()?;
         let n = model.robot().n_joints();
-        let (mut at_rest, of_load) = (at_rest(&model), of_load(&model));
-        for (_, speeds) in &of_load {
+        let (mut at_rest, of_state) = (at_rest(&model), of_state(&model));
+        for (_, speeds) in &of_state {
             for ([_, speed], own) in at_rest.iter_mut().zip(speeds) {
                 *speed = speed.max(*own);
             }
@@ -185,7 +185,7 @@ impl MomentumObserver {
             workspace: Workspace::new(model.robot()),
             momenta: MomentumWorkspace::new(model.robot()),
             at_rest,
-            of_load,
+            of_state,
             holds: vec![0.0; n],
             since_rest: vec![0.0; n],
             zeros: vec![0.0; n],
@@ -460,7 +460,7 @@ impl MomentumObserver {
         for (holds, [torque, _]) in self.holds.iter_mut().zip(&self.at_rest) {
             *holds = *torque;
         }
-        for (place, speeds) in &self.of_load {
+        for (place, speeds) in &self.of_state {
             let Some(effect) = self.model.effects().get(*place) else {
                 continue;
             };
@@ -478,8 +478,16 @@ impl MomentumObserver {
             };
             effect.torque_into(&input, &mut [], &mut self.scratch);
             for (holds, own) in self.holds.iter_mut().zip(&self.scratch) {
-                *holds += own.abs();
+                // Around the turn it is more here and less there; a load adds to it on both sides.
+                *holds += if effect.effect().entry().needs("q") {
+                    *own
+                } else {
+                    own.abs()
+                };
             }
+        }
+        for holds in &mut self.holds {
+            *holds = holds.abs();
         }
     }
 
@@ -565,7 +573,7 @@ impl Mirror for MomentumObserver {
             self, of;
             workspace, momenta, at_rest, holds, since_rest, zeros, before, momentum, torque, of_links, scratch, std, external, threshold, rest, guide;
             copied settings, contact;
-            kept model, deviation, factors, late, of_load
+            kept model, deviation, factors, late, of_state
         );
     }
 }

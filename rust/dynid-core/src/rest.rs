@@ -8,8 +8,9 @@ use crate::state::State;
 /// Speeds are slow where friction has not reached this part of its step.
 const STEP_PART: f64 = 0.9;
 
-/// Per joint, half of the step of friction at standstill without load \[torque unit\] and the speed below which it is not a
-/// function of the state: a joint that stands holds any torque in between, and no model says which.
+/// Per joint, half of the step of friction at standstill without load \[torque unit\], less what follows the angle, and the
+/// speed below which it is not a function of the state: a joint that stands holds any torque in between, and no model says
+/// which.
 pub(crate) fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
     let n = model.robot().n_joints();
     let mut found = vec![[0.0; 2]; n];
@@ -18,28 +19,33 @@ pub(crate) fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
         let (effect, by_its_sign) = (of_sign.as_ref().unwrap_or(effect), of_sign.is_some());
         let own = step_of(effect, &vec![0.0; n], by_its_sign);
         for ([torque, speed], [step, at]) in found.iter_mut().zip(own) {
-            *torque += step;
+            *torque += if needs(effect, "q") { 0.0 } else { step };
             *speed = speed.max(at);
         }
     }
     found
 }
 
-/// Friction that grows with the load, by its place among the effects, and per joint the speed at which its step is passed.
-pub(crate) fn of_load(model: &TorqueModel) -> Vec<(usize, Vec<f64>)> {
+/// Friction that grows with the load or follows the angle, by its place among the effects, and per joint the speed at which
+/// its step is passed.
+pub(crate) fn of_state(model: &TorqueModel) -> Vec<(usize, Vec<f64>)> {
     let n = model.robot().n_joints();
     let effects = model.effects().iter().enumerate();
-    let loaded =
-        effects.filter(|(_, term)| steps(term, n) && term.effect().entry().needs("tau_link"));
+    let followed =
+        effects.filter(|(_, term)| steps(term, n) && (needs(term, "tau_link") || needs(term, "q")));
     let speeds = |term| step_of(term, &vec![1.0; n], false).into_iter();
-    loaded
+    followed
         .map(|(place, term)| (place, speeds(term).map(|[_, speed]| speed).collect()))
         .collect()
 }
 
 /// True if it may have a step at standstill.
 fn steps(term: &EffectTerm, n: usize) -> bool {
-    term.effect().entry().needs("dq_motor") && term.effect().memory_len(n) == 0
+    needs(term, "dq_motor") && term.effect().memory_len(n) == 0
+}
+
+fn needs(term: &EffectTerm, signal: &str) -> bool {
+    term.effect().entry().needs(signal)
 }
 
 /// Per joint, half of the step between the speeds to either side, doubled until it grows by less than the rest of its part,
@@ -47,6 +53,8 @@ fn steps(term: &EffectTerm, n: usize) -> bool {
 fn step_of(effect: &EffectTerm, tau_link: &[f64], by_its_sign: bool) -> Vec<[f64; 2]> {
     let n = tau_link.len();
     let zeros = vec![0.0; n];
+    // Friction along the angle is zero here for no number of cycles by itself, as a sine is at zero.
+    let q = vec![1.0; n];
     let mut found = vec![[0.0; 2]; n];
     let mut all = vec![0.0; n];
     let mut low = vec![0.0; n];
@@ -59,7 +67,7 @@ fn step_of(effect: &EffectTerm, tau_link: &[f64], by_its_sign: bool) -> Vec<[f64
                 set(&mut dq, j, sign * speed);
                 let state = State {
                     dq_motor: &dq,
-                    ..State::single(&zeros, &dq, &zeros)
+                    ..State::single(&q, &dq, &zeros)
                 };
                 let input = EffectInput {
                     state,
