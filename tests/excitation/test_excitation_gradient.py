@@ -41,6 +41,18 @@ def literal_blocks(robot, q, dq, ddq, whitening=None):
     return rows(q, still, ddq) - gravity, rows(q, dq, still) - gravity, gravity, rows(q, dq, ddq)
 
 
+def test_a_block_of_which_nothing_is_seen_is_as_bad_as_one_that_lacks_a_direction():
+    """A motion at constant speed has no acceleration block: its condition was 1, as if it were the best."""
+    robot, _ = chain(1)
+    q, dq, _ = random_states(40, robot.n_joints, 1)
+    still = np.zeros_like(q)
+    exciting = excitation(robot)
+    assert exciting.conditions(q, dq, still)[1] == exciting.conditions(q[:1], dq[:1], q[:1])[1] == 1e8
+    value, gradient = exciting.value_and_gradient(q, dq, still, criterion="block", weights=(1.0, 0.0, 0.0))
+    assert value == exciting.value(q, dq, still, criterion="block", weights=(1.0, 0.0, 0.0))
+    assert all(np.isfinite(part).all() for part in gradient)
+
+
 def odd_whitening(n_joints):
     """A matrix that mixes all joints."""
     return np.eye(n_joints) + 0.3 * np.random.default_rng(3).normal(size=(n_joints, n_joints))

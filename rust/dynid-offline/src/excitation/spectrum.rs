@@ -7,6 +7,8 @@ use crate::error::OfflineError;
 
 /// A block's smallest eigenvalue counts at least this part of its largest: conditions stay below 1e8 and finite.
 const FLOOR: f64 = 1e-16;
+/// The condition of what has a direction that is not seen: `1 / sqrt(FLOOR)`.
+const WORST: f64 = 1e8;
 
 /// How a criterion moves with one eigenvalue: its derivative, and the unit eigenvector.
 pub(super) type Slope = (f64, Vec<f64>);
@@ -34,8 +36,12 @@ pub(super) fn condition(
     check(gram, width)?;
     let reduced = Tridiagonal::new(gram, width);
     let values = reduced.values([width - 1, width - rank]);
+    if values[0] <= 0.0 {
+        // Nothing of the block is seen, and a step shows none of it in first order either.
+        return Ok((WORST, Vec::new()));
+    }
     let (first, last) = (floored(values[0], values[0]), floored(values[1], values[0]));
-    let condition = (first / last).sqrt().min(1.0 / FLOOR.sqrt());
+    let condition = (first / last).sqrt().min(WORST);
     let slopes = if sloped {
         vec![
             (0.5 * condition / first, reduced.vector(values[0])),
