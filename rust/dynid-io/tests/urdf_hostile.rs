@@ -110,8 +110,7 @@ fn nothing_grows_with_the_square() {
     );
     let choice = loaded.expect("one of many").choice.expect("many");
     assert!(
-        choice.contains("choose tip= for another one: \"l2\", \"l3\"")
-            && choice.contains("and 1990 more"),
+        choice.contains("other tips: \"l2\", \"l3\"") && choice.contains("and 1990 more"),
         "{choice}"
     );
     // Each follows the next, and the last one the first: every one of them is held.

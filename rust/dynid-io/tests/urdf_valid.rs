@@ -650,7 +650,7 @@ fn the_longest_chain_is_proposed_and_said() {
     for says in [
         "the chain of 3 joints from \"b\" to \"a2\" is proposed: \"waist\", \"a1\", \"a2\"",
         "held where they stand: \"head at 0\"",
-        "choose tip= for another one: \"leg2\", \"head\", \"nail\", \"index\"",
+        "other tips: \"leg2\", \"head\", \"nail\", \"index\"",
     ] {
         assert!(choice.contains(says), "{choice}");
     }

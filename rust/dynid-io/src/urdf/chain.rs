@@ -324,7 +324,7 @@ impl Finder<'_, '_, '_> {
                 .others
                 .iter()
                 .map(|&link| self.tree.link_name(link));
-            sentence.push_str(&format!("; choose tip= for another one: {}", list(others)));
+            sentence.push_str(&format!("; other tips: {}", list(others)));
         }
         Some(sentence)
     }
