@@ -4,7 +4,8 @@ Conventions of every function here:
 
 - Signals are (n_samples, n_joints), links and joints in chain order, SI units [rad, rad/s, rad/s²; m for
   prismatic joints], torques in N·m (N for prismatic joints) or in the unit of the torque channel (A).
-- Anything that numpy turns into a float64 array is accepted; C-ordered float64 is not copied.
+- Anything that numpy turns into a float64 array is accepted; C-ordered float64 is not copied. What a masked array
+  hides is NaN.
 - `ValueError` names the argument, its shape and the expected one, or the place of a NaN or an infinity.
   `TypeError` if an argument is no array of numbers.
 - The interpreter's lock is released while a batch is computed.
@@ -1728,7 +1729,7 @@ class Excitation:
         """
 
     def conditions(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> _FloatArray:
-        """`s_1 / s_r` of the whole and of the blocks over their structural ranks (4,); NaN for a block of rank zero."""
+        """`s_1 / s_r` of the whole and of the blocks over structural ranks (4,), 1e8 at most; NaN where that is 0."""
 
     def value(
         self,
