@@ -21,11 +21,10 @@ pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<
     let py = value.py();
     let options = [("dtype", "float64"), ("order", "C")].into_py_dict(py)?;
     let numpy = py.import("numpy")?;
-    let masked = numpy.getattr("ma")?;
     // A subclass of numpy's array, whose asarray hands out what stands behind the mask.
-    let numbers = if value.is_instance(&masked.getattr("MaskedArray")?)? {
-        masked
-            .call_method("asarray", (value, "float64", "C"), None)
+    let numbers = if matches!(value.hasattr("filled"), Ok(true)) {
+        value
+            .call_method1("astype", ("float64",))
             .and_then(|floats| floats.call_method1("filled", (f64::NAN,)))
     } else {
         Ok(value.clone())
