@@ -54,6 +54,7 @@ DENIED = {
         "identification/friction_laws.py": "Stribeck's velocity is searched in its logarithm",
         "diagnosis/ripple.py": "a wave in the angle, in complex numbers",
         "base/wording.py": "geometric mean of error ratios",
+        "pooling/arm.py": "torque scales are pooled in their logarithm",
         "identification/smooth_friction.py": "widths and sharpness are improved in their logarithm",
         "regression/error_interval.py": "an interval of a ratio, in its logarithm",
         "diagnosis/estimates.py": "an interval of a scale, in its logarithm",
