@@ -20,7 +20,8 @@ from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.training import Excluded, prepare_training_run
 from dynid_rs.model.known import KnownTerm, less_known
 from dynid_rs.regression.columns import Observations, Plan, run_rows
-from dynid_rs.regression.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
+from dynid_rs.regression.noise_spectrum import NoiseSpectrum, toeplitz_product
+from dynid_rs.regression.uncertainty import noise_spectra, width_slope
 from dynid_rs.runs.parts import is_part
 from dynid_rs.runs.preprocessing import TOO_LITTLE, Band, States, is_of_load
 from dynid_rs.runs.recording import Delay

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.regression.uncertainty import grid_noise_products
+from dynid_rs.regression.noise_spectrum import grid_noise_products
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]

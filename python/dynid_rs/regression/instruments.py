@@ -21,8 +21,8 @@ from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, run_rows
 from dynid_rs.regression.fitted import FittedLinks
+from dynid_rs.regression.noise_spectrum import noise_products
 from dynid_rs.regression.systems import block_residuals
-from dynid_rs.regression.uncertainty import noise_products
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
