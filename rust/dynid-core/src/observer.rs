@@ -36,6 +36,9 @@
 //!
 //! so an arm that follows it does not move by itself where the model knows little, more often than contacts are faked.
 
+mod settings;
+mod threshold;
+
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
@@ -51,73 +54,13 @@ use crate::slices::{copy, mirror_fields, rows, Mirror};
 use crate::state::State;
 use crate::uncertainty::{Deviation, Doing, Uncertainty};
 
-/// A contact ends where every joint is below this part of its threshold.
-const RELEASE: f64 = 0.5;
-
-/// Thresholds hold static friction for so many time constants after a joint moved slowly.
-const REST_MEMORY: f64 = 3.0;
+pub use settings::ObserverSettings;
 
 /// The momentum of samples further apart than so many time constants is not compared.
 const LONGEST: f64 = 10.0;
 
 /// Beyond this a torque is an overflow.
 const OVERFLOW: f64 = 1e300;
-
-/// How the observer listens.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ObserverSettings {
-    /// T \[s\]: an external torque shows by 63 % after it.
-    pub time_constant: f64,
-    /// c \[s\], over which what the model leaves forgets; `None` if it is not known.
-    pub correlation_time: Option<f64>,
-    /// False contacts per hour that are put up with, of noise alone.
-    pub false_per_hour: f64,
-}
-
-impl Default for ObserverSettings {
-    fn default() -> Self {
-        Self {
-            time_constant: 0.02,
-            correlation_time: None,
-            false_per_hour: 0.01,
-        }
-    }
-}
-
-impl ObserverSettings {
-    /// # Errors
-    /// [`CoreError::Range`] naming what is not positive.
-    pub fn check(&self) -> Result<(), CoreError> {
-        let positive = |what, x: f64| {
-            if x > 0.0 && x.is_finite() {
-                Ok(())
-            } else {
-                Err(CoreError::Range { what })
-            }
-        };
-        positive("time_constant", self.time_constant)?;
-        positive("correlation_time", self.correlation_time.unwrap_or(1.0))?;
-        positive("false_per_hour", self.false_per_hour)
-    }
-
-    /// Standard deviation of r over that of what the model leaves.
-    #[must_use]
-    pub fn noise_gain(&self) -> f64 {
-        let t = self.time_constant;
-        self.correlation_time.map_or(1.0, |c| (c / (c + t)).sqrt())
-    }
-
-    /// k: thresholds in standard deviations of r, for `n_joints` joints.
-    #[must_use]
-    pub fn threshold_factor(&self, n_joints: usize) -> f64 {
-        let t = self.time_constant;
-        let pace = (self.correlation_time.unwrap_or(t) * t).sqrt();
-        let crossings = 2.0 * n_joints as f64 * 3600.0 / (std::f64::consts::TAU * pace);
-        (2.0 * (crossings / self.false_per_hour).ln())
-            .max(1.0)
-            .sqrt()
-    }
-}
 
 /// What it saw at the sample before.
 #[derive(Clone, Debug)]
@@ -452,97 +395,6 @@ impl MomentumObserver {
             if next.abs() < OVERFLOW {
                 *external = next;
             }
-        }
-    }
-
-    /// What joints may hold that stand at this state.
-    fn sum_rest(&mut self, state: &State<'_>, tau_link: &[f64]) {
-        for (holds, [torque, _]) in self.holds.iter_mut().zip(&self.at_rest) {
-            *holds = *torque;
-        }
-        for (place, speeds) in &self.of_state {
-            let Some(effect) = self.model.effects().get(*place) else {
-                continue;
-            };
-            // Half of the step is what there is on one side: friction that grows with the load is the same on both.
-            let input = EffectInput {
-                state: State {
-                    dq: speeds,
-                    dq_motor: speeds,
-                    ..*state
-                },
-                tau_link,
-                tau_motor: &self.zeros,
-                step: 0.0,
-                sign: None,
-            };
-            effect.torque_into(&input, &mut [], &mut self.scratch);
-            for (holds, own) in self.holds.iter_mut().zip(&self.scratch) {
-                // Around the turn it is more here and less there; a load adds to it on both sides.
-                *holds += if effect.effect().entry().needs("q") {
-                    *own
-                } else {
-                    own.abs()
-                };
-            }
-        }
-        for holds in &mut self.holds {
-            *holds = holds.abs();
-        }
-    }
-
-    fn judge(&mut self, dq_motor: &[f64], elapsed: f64) {
-        let gain = self.settings.noise_gain();
-        let remembered = REST_MEMORY * self.settings.time_constant;
-        let joints = self.at_rest.iter().zip(&self.holds);
-        let joints = joints.zip(dq_motor).zip(&mut self.since_rest);
-        let outputs = self.threshold.iter_mut().zip(&mut self.rest);
-        let known = self.std.iter().zip(&self.factors);
-        let outputs = outputs.zip(known);
-        for (((([_, speed], holds), dq), since), ((threshold, rest), (std, factor))) in
-            joints.zip(outputs)
-        {
-            *since = if dq.abs() <= *speed {
-                0.0
-            } else {
-                *since + elapsed
-            };
-            *rest = if *since < remembered { *holds } else { 0.0 };
-            *threshold = factor * gain * std + *rest;
-        }
-    }
-
-    /// Thresholds where the deviation at the state is known.
-    fn judge_by_state(&mut self) {
-        let Some(deviation) = &self.deviation else {
-            return;
-        };
-        let joints = deviation.variance().iter().zip(deviation.may_stick());
-        let outputs = self.threshold.iter_mut().zip(&mut self.rest);
-        let outputs = outputs.zip(&self.factors);
-        for (((threshold, rest), factor), (variance, sticks)) in outputs.zip(joints) {
-            if !sticks {
-                *rest = 0.0;
-            }
-            *threshold = factor * variance.sqrt() + *rest;
-        }
-    }
-
-    /// Is it a contact, and what may a hand guide the arm by?
-    fn decide(&mut self) {
-        let level = if self.contact { RELEASE } else { 1.0 };
-        let mut joints = self.external.iter().zip(&self.threshold);
-        self.contact = joints.any(|(r, threshold)| r.abs() > level * threshold);
-        let joints = self.external.iter().zip(&self.threshold);
-        let guides = self.guide.iter_mut().zip(&self.factors);
-        for ((guide, factor), (r, threshold)) in guides.zip(joints) {
-            let beyond = r.abs() - threshold;
-            // Written so that a NaN guides nothing.
-            *guide = if beyond > 0.0 {
-                (beyond * (beyond / (beyond + threshold / factor))).copysign(*r)
-            } else {
-                0.0
-            };
         }
     }
 }
