@@ -67,3 +67,9 @@ def test_what_workflows_and_the_page_for_contributors_call_is_there():
     named = re.findall(r"`((?:rust|python|tests|docs|\.ci|\.github)/[\w./-]*\w)`", page)
     assert len(named) > 8
     assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_no_two_files_of_tests_have_one_name():
+    """One process of pytest refuses the second of them; which files share one depends on the cores."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from helpers.chains import chain
 
-import dynid_rs as dyn
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.runs.preprocessing import choose_band, common_rate
 from dynid_rs.sensors.channels import channel_findings
@@ -21,21 +21,12 @@ def scara(load=0.0):
     about = 0.004 + 0.004 * load + load * OUT**2 - mass * out**2
     links = [("l1", 12, 0.2, 0.25), ("l2", 8, 0.15, 0.12), ("quill", 2, 0, 0.01), ("tool", mass, out, about)]
     joints = [
-        ("j1", "revolute", "base", "l1", 0.0, 2.4, 200, 5),
-        ("j2", "revolute", "l1", "l2", 0.4, 2.4, 90, 6),
-        ("j3", "prismatic", "l2", "quill", 0.3, 0.1, 300, 0.8),
-        ("j4", "revolute", "quill", "tool", 0.0, 5.0, 15, 10),
+        ("j1", "revolute", "base", "l1", "0 0 1", 0.0, 2.4, 200, 5),
+        ("j2", "revolute", "l1", "l2", "0 0 1", 0.4, 2.4, 90, 6),
+        ("j3", "prismatic", "l2", "quill", "0 0 1", 0.3, 0.1, 300, 0.8),
+        ("j4", "revolute", "quill", "tool", "0 0 1", 0.0, 5.0, 15, 10),
     ]
-    text = "".join(
-        f'<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{kg}"/>'
-        f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial></link>'
-        for name, kg, x, i in links
-    ) + "".join(
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>'
-        f'<origin xyz="{x} 0 0"/><limit lower="{-most}" upper="{most}" effort="{effort}" velocity="{speed}"/></joint>'
-        for name, kind, parent, child, x, most, effort, speed in joints
-    )
-    return dyn.RobotModel.from_urdf_string(f'<robot name="scara"><link name="base"/>{text}</robot>')
+    return chain(links, joints)
 
 
 def run(load, seed, duration):

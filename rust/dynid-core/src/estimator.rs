@@ -182,7 +182,7 @@ impl TorqueEstimator {
         };
         Self {
             intake: Intake::new(&own.model, step),
-            late: late(&own.model, 0.0, step).unwrap_or_default(),
+            late: Late::of_terms(&own.model, 0.0, step).unwrap_or_default(),
             lead: 0.0,
             own,
         }
@@ -196,7 +196,7 @@ impl TorqueEstimator {
         check_step(step)?;
         let intake = self.intake.with_step(&self.own.model, step);
         self.intake = intake.ok_or(CoreError::Range { what: "step" })?;
-        let late = late(&self.own.model, self.lead, step);
+        let late = Late::of_terms(&self.own.model, self.lead, step);
         self.late = late.ok_or(CoreError::Range { what: "step" })?;
         self.own.step = step;
         Ok(self)
@@ -211,7 +211,7 @@ impl TorqueEstimator {
         let delays = self.own.model.torque_delay().iter();
         let lead = delays.copied().fold(0.0, f64::min);
         if lead != self.lead {
-            let late = late(&self.own.model, lead, self.own.step);
+            let late = Late::of_terms(&self.own.model, lead, self.own.step);
             self.late = late.ok_or(CoreError::Range { what: "step" })?;
             self.lead = lead;
         }
@@ -309,11 +309,6 @@ impl TorqueEstimator {
             status.and(taken)
         })
     }
-}
-
-/// Keeps every term, and the variance.
-fn late(model: &TorqueModel, lead: f64, step: f64) -> Option<Option<Late>> {
-    Late::of(model, lead, step, model.n_terms() + 1)
 }
 
 impl Evaluation {

@@ -15,6 +15,11 @@ pub(crate) struct Late {
 }
 
 impl Late {
+    /// [`Self::of`] every term of a model, and the variance.
+    pub fn of_terms(model: &TorqueModel, lead: f64, step: f64) -> Option<Option<Self>> {
+        Self::of(model, lead, step, model.n_terms() + 1)
+    }
+
     /// Of a model whose states are known `lead` \[s\] (zero or negative) ahead and are `step` \[s\] apart, each of which
     /// makes `n_rows` rows of joints; the inner `None` where no channel is later than another, the outer one if it would ask
     /// for too much.

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from helpers.chains import chain
 
-import dynid_rs as dyn
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.runs.preprocessing import choose_band, common_rate
 from dynid_rs.sensors.channels import channel_findings
@@ -23,21 +23,12 @@ def gantry(load):
     about = TOOL * OUT**2 + load * LOAD_OUT**2 + 0.005 + 0.002 * load - mass * out**2
     links = [("x", 20, 0, 0.5), ("y", 10, 0, 0.2), ("z", 6, 0, 0.1), ("tool", mass, out, about)]
     joints = [
-        ("jx", "prismatic", "base", "x", "1 0 0", 1.0, 800, 1),
-        ("jy", "prismatic", "x", "y", "0 1 0", 0.6, 500, 1),
-        ("jz", "prismatic", "y", "z", "0 0 1", 0.4, 400, 1),
-        ("jc", "revolute", "z", "tool", "0 1 0", 3.0, 30, 4),
+        ("jx", "prismatic", "base", "x", "1 0 0", 0.0, 1.0, 800, 1),
+        ("jy", "prismatic", "x", "y", "0 1 0", 0.0, 0.6, 500, 1),
+        ("jz", "prismatic", "y", "z", "0 0 1", 0.0, 0.4, 400, 1),
+        ("jc", "revolute", "z", "tool", "0 1 0", 0.0, 3.0, 30, 4),
     ]
-    text = "".join(
-        f'<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{kg}"/>'
-        f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial></link>'
-        for name, kg, x, i in links
-    ) + "".join(
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
-        f'<limit lower="{-most}" upper="{most}" effort="{effort}" velocity="{speed}"/></joint>'
-        for name, kind, parent, child, axis, most, effort, speed in joints
-    )
-    return dyn.RobotModel.from_urdf_string(f'<robot name="gantry"><link name="base"/>{text}</robot>')
+    return chain(links, joints)
 
 
 @pytest.mark.parametrize(("load", "factor", "codes"), [(6.0, 1.0, []), (0.0, 1e3, ["torque_unit"])])
