@@ -26,6 +26,7 @@ from dynid_rs.identification.training import Excluded, TrainingData, prepare_tra
 from dynid_rs.model.assembly import Regressions
 from dynid_rs.model.known import KnownTerm, check_known
 from dynid_rs.model.placed import HeldEffect, PlacedEffect, held_terms
+from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.regression.columns import Observations, observe
 from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.scales import free_scales
@@ -232,7 +233,7 @@ class ThreeLoopIdentifier(RunRegressor):
         refuse_repeats(recordings, [])
         self.known_ = check_known(self.known, self.robot, recordings[0].torque_unit)
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
-        with threadpool_limits(limits=1, user_api="blas"):
+        with threadpool_limits(limits=1, user_api="blas"), keeping_columns():
             on_progress("filtering the runs")
             loops = self._loops(self._training_data(recordings, slow), laws)
             self._iterate(loops, None if near is None else _alike(near, loops), on_progress)

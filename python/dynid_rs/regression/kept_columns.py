@@ -1,4 +1,4 @@
-"""Columns that are asked for again: while a diagnosis comes and goes with effects, motion and filter stay the same.
+"""Columns that are asked for again: while shapes are searched and effects come and go, motion and filter stay the same.
 
 Columns are built by themselves, so those that are kept have the very bits of new ones.
 """
@@ -63,7 +63,10 @@ _KEPT: ContextVar[KeptColumns | None] = ContextVar("kept_columns", default=None)
 
 @contextmanager
 def keeping_columns() -> Iterator[None]:
-    """Keep columns inside of this."""
+    """Keep columns inside of this; inside of another one those are the same."""
+    if _KEPT.get() is not None:
+        yield
+        return
     token = _KEPT.set(KeptColumns())
     try:
         yield

@@ -27,21 +27,23 @@ pub fn columns(
     let change = if started > 0.0 { load - before } else { 0.0 };
     let way = if change == 0.0 { 0.0 } else { change.signum() };
     let turning = carried * (1.0 - z * way);
-    let left = (-wound(change.abs() / distance, turning / distance)).exp();
+    let left = left_of(change.abs() / distance, turning / distance);
     let z = way + (z - way) * left;
     put(&[z, load, 1.0], memory);
     put(&[z], columns);
 }
 
-/// Root y of `y + a (1 - exp(-y)) = t` for t and a of at least zero: Newton's steps from the left never pass it.
-fn wound(t: f64, a: f64) -> f64 {
+/// exp(-y) at the root y of `y + a (1 - exp(-y)) = t` for t and a of at least zero: Newton's steps from the left never
+/// pass it, and end where the next one would change exp(-y) by less than its rounding.
+fn left_of(t: f64, a: f64) -> f64 {
     let mut y = (t / (1.0 + a)).max(t - a);
     for _ in 0..STEPS {
-        let rest = t - y - a * (1.0 - (-y).exp());
-        if rest <= 0.0 {
-            break;
+        let left = (-y).exp();
+        let step = (t - y - a * (1.0 - left)) / (1.0 + a * left);
+        if step < f64::EPSILON {
+            return left;
         }
-        y += rest / (1.0 + a * (-y).exp());
+        y += step;
     }
-    y
+    (-y).exp()
 }
