@@ -8,6 +8,7 @@ from helpers.diagnosed import SIX_AXES, rigid
 
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.runs.preprocessing import choose_band, common_rate
+from dynid_rs.sensors.arm import Arm
 from dynid_rs.sensors.changes import Bench
 from dynid_rs.sensors.gravity import gravity_trial
 from dynid_rs.sensors.lag import early, lags
@@ -22,7 +23,7 @@ def bench():
     sim = simulate(rigid(SIX_AXES), n_runs=2, duration=10.0, rate=250, seed=5)
     recordings = [replace(recording, q_motor=None) for recording in sim.recordings]
     states = prepare_training_runs(recordings, choose_band(recordings), common_rate(recordings))
-    return Bench(SIX_AXES, tuple(ArmRows.of(run) for run in states))
+    return Bench(Arm.of(SIX_AXES), tuple(ArmRows.of(run) for run in states))
 
 
 def assert_near(found, wanted):
@@ -34,24 +35,26 @@ def assert_near(found, wanted):
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (3.0, -9.0, 1.5)])
 def test_moments_under_a_gravity_are_those_of_columns_made_under_it(bench, gravity):
     half = replace(bench.rows[0], told=bench.rows[0].told & (np.arange(len(bench.rows[0].t)) % 2 == 0)[:, None])
-    bench = Bench(bench.robot, (half, bench.rows[1]))
+    bench = Bench(bench.arm, (half, bench.rows[1]))
     turned = bench.turned(np.array(gravity))
     for found, rows in zip(turned.moments, bench.rows, strict=True):
-        assert_near(found, Moments.of(bench.robot.with_gravity(list(gravity)), rows))
+        assert_near(found, Moments.of(bench.arm.with_gravity(np.array(gravity)), rows))
     assert list(turned.robot.gravity) == list(gravity)
 
 
 def test_another_mounting_is_found_to_the_grain_of_the_search(bench):
     truth = np.array([5.0, -7.0, 4.0]) * 9.81 / np.sqrt(90.0)
-    torque = [(rows.regressor(bench.robot.with_gravity(truth.tolist())) @ bench.robot.phi) for rows in bench.rows]
-    hung = Bench(bench.robot, tuple(replace(rows, tau=tau) for rows, tau in zip(bench.rows, torque, strict=True)))
+    torque = [
+        (rows.regressor(bench.arm.with_gravity(truth)) @ bench.arm.regroup @ bench.robot.phi) for rows in bench.rows
+    ]
+    hung = Bench(bench.arm, tuple(replace(rows, tau=tau) for rows, tau in zip(bench.rows, torque, strict=True)))
     _, found = gravity_trial(hung)
     assert np.arccos(found @ truth / 9.81**2) < 0.05
 
 
 def test_gains_of_several_benches_are_those_of_each(bench):
     size = np.array([1.0, 0.5, 2.0, 1.0, 3.0, 1.0])
-    scaled = Bench(bench.robot, tuple(replace(rows, tau=rows.tau / size) for rows in bench.rows))
+    scaled = Bench(bench.arm, tuple(replace(rows, tau=rows.tau / size) for rows in bench.rows))
     benches = [scaled, scaled.turned(np.array([0.0, 9.81, 0.0]))]
     together = unit_fits(benches)
     for one, (fit, gains) in zip(benches, together, strict=True):
@@ -66,8 +69,8 @@ def test_a_joint_without_told_rows_says_nothing_under_any_gravity(bench):
     told = bench.rows[0].told.copy()
     told[:, 2] = False
     rows = replace(bench.rows[0], told=told)
-    (found,) = Bench(bench.robot, (rows,)).turned(np.array([0.0, 0.0, -9.81])).moments
-    assert_near(found, Moments.of(bench.robot, rows))
+    (found,) = Bench(bench.arm, (rows,)).turned(np.array([0.0, 0.0, -9.81])).moments
+    assert_near(found, Moments.of(bench.arm, rows))
     assert not found.columns[2].any()
 
 
@@ -78,7 +81,7 @@ def test_a_channel_put_earlier_by_a_row_is_that_of_the_row_after(bench):
     moments = early(bench, rows, arm.moments[0], (0.0, float(t[1] - t[0])))
     assert_near(moments.picked([0] * 6), arm.moments[0])
     sooner = np.concatenate([tau[1:], 2 * tau[-1:] - tau[-2:-1]])  # the run goes on as it ends
-    assert_near(moments.picked([1] * 6), rows.channels(bench.robot, arm.moments[0], sooner[:, :, None]))
+    assert_near(moments.picked([1] * 6), rows.channels(bench.arm, arm.moments[0], sooner[:, :, None]))
 
 
 @pytest.mark.parametrize("joints", [tuple(range(6)), (1,)])
@@ -89,7 +92,7 @@ def test_a_delay_is_told_with_its_channels(bench, joints):
         for j in joints:
             tau[:, j] = np.interp(t - 0.03, t, rows.tau[:, j])
         runs.append(replace(rows, tau=tau))
-    found = max(lags(Bench(bench.robot, tuple(runs)), 30.0), key=lambda lag: lag.trial.fit.log)
+    found = max(lags(Bench(bench.arm, tuple(runs)), 30.0), key=lambda lag: lag.trial.fit.log)
     assert found.trial.joints == joints
     assert found.delay == pytest.approx(0.03, abs=0.003)
     assert found.links_log() <= found.trial.fit.log

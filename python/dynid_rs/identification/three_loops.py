@@ -26,9 +26,9 @@ from dynid_rs.identification.training import Excluded, TrainingData, prepare_tra
 from dynid_rs.model.assembly import Regressions
 from dynid_rs.model.known import KnownTerm, check_known
 from dynid_rs.model.placed import HeldEffect, PlacedEffect, held_terms
-from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.regression.columns import Observations, observe
 from dynid_rs.regression.is_fitted import check_is_fitted
+from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.regression.scales import free_scales
 from dynid_rs.regression.uncertainty import parameter_covariance
 from dynid_rs.runs.checks.damage import warn_of_damage

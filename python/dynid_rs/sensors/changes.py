@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.runs.checks.excitation import TOGETHER
 from dynid_rs.runs.checks.motion import correlation
+from dynid_rs.sensors.arm import Arm
 from dynid_rs.sensors.fit import ArmFit, ArmPrior, fit_arm, fit_arms
 from dynid_rs.sensors.rows import ArmRows, Moments
 from dynid_rs.sensors.weighed import Weighed
@@ -32,15 +33,20 @@ MOST_ODD = 4
 class Bench:
     """Runs of one arm, and what they look like under its model as they stand."""
 
-    robot: _core.RobotModel
+    arm: Arm
     rows: tuple[ArmRows, ...]
     given: tuple[Moments, ...] | None = None
     """Moments of the runs, where something else tells them."""
 
+    @property
+    def robot(self) -> _core.RobotModel:
+        """As declared, under the bench's gravity."""
+        return self.arm.robot
+
     @cached_property
     def prior(self) -> ArmPrior:
         """What the robot file says of the links."""
-        return ArmPrior.of(self.robot)
+        return ArmPrior.of(self.arm)
 
     @cached_property
     def size(self) -> FloatArray:
@@ -52,12 +58,12 @@ class Bench:
     @cached_property
     def moments(self) -> tuple[Moments, ...]:
         """Moments of the runs, all channels."""
-        return self.given or tuple(Moments.of(self.robot, rows) for rows in self.rows)
+        return self.given or tuple(Moments.of(self.arm, rows) for rows in self.rows)
 
     def turned(self, gravity: FloatArray) -> Bench:
         """The runs under another gravity (3,) [m/s^2], without another pass over them."""
         moments = tuple(run.moments(gravity) for run in self._weighed)
-        return Bench(self.robot.with_gravity(gravity.tolist()), self.rows, moments)
+        return Bench(self.arm.with_gravity(gravity), self.rows, moments)
 
     @cached_property
     def felt(self) -> FloatArray:
@@ -69,7 +75,7 @@ class Bench:
 
     @cached_property
     def _weighed(self) -> tuple[Weighed, ...]:
-        return tuple(Weighed.of(self.robot, rows) for rows in self.rows)
+        return tuple(Weighed.of(self.arm, rows) for rows in self.rows)
 
     @cached_property
     def plain(self) -> tuple[Moments, ...]:
@@ -127,7 +133,7 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
             continue
         if layout.positions not in (None, positions):  # several layouts have the same positions
             positions = layout.positions
-            elsewhere = tuple(Moments.of(bench.robot, layout.positions(rows)) for rows in bench.rows)
+            elsewhere = tuple(Moments.of(bench.arm, layout.positions(rows)) for rows in bench.rows)
         moments = bench.moments if layout.positions is None else elsewhere
         changed = [run.picked(layout.channels, layout.sign) for run in moments]
         tried = [[changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)] for runs in bench.places]

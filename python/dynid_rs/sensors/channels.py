@@ -22,6 +22,7 @@ from dynid_rs.base.threads import side_by_side
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.runs.preprocessing import States
 from dynid_rs.sensors import words
+from dynid_rs.sensors.arm import Arm
 from dynid_rs.sensors.changes import Bench, Trial, wiring_trials
 from dynid_rs.sensors.fit import ArmFit
 from dynid_rs.sensors.gravity import gravity_trial, is_another
@@ -72,14 +73,14 @@ def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_uni
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1, user_api="blas"):
-        bench = Bench(robot, tuple(ArmRows.of(states) for states in runs))
+        bench = Bench(Arm.of(robot), tuple(ArmRows.of(states) for states in runs))
         declared, names = declares_inertia(robot), [states.name for states in runs]
         if torque_unit == "N*m":
             return _likeliest(_candidates(bench, names, gravity_trial, sized=True, declared=declared))
         if not declared:
             return []  # neither gains nor links are known: nothing says how large, or of what sign, a torque has to be
         [(fit, gains)] = unit_fits([bench])
-        scaled = Bench(robot, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
+        scaled = Bench(bench.arm, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
 
         def turned(_: Bench) -> tuple[Trial, FloatArray]:
             # Under another gravity other gains are likely; densities are those of the scaled torque, like the others'.

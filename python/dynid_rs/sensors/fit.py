@@ -11,13 +11,13 @@ compared is the best fit's likelihood with a variance of its own for every joint
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import _core
 from dynid_rs.regression.priors import LEAST_MASS, LENGTH, declares_inertia
+from dynid_rs.sensors.arm import Arm
 from dynid_rs.sensors.rows import Moments
 
 FloatArray = NDArray[np.float64]
@@ -37,28 +37,33 @@ N_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class ArmPrior:
-    """Mean and standard deviation of the links' numbers, (10 n_links,)."""
+    """Mean (n,) and precision (n, n) of what is fitted of the links; `std` (10 n_links,) of their own numbers."""
 
     mean: FloatArray
+    precision: FloatArray
     std: FloatArray
+    arm: Arm
 
     @staticmethod
-    def of(robot: _core.RobotModel) -> ArmPrior:
+    def of(arm: Arm) -> ArmPrior:
         """What the robot file says."""
-        phi = np.asarray(robot.phi, dtype=np.float64)
-        declared = declares_inertia(robot)
+        phi = np.asarray(arm.robot.phi, dtype=np.float64)
+        declared = declares_inertia(arm.robot)
         std = np.concatenate([_spread(link, declared=declared) for link in phi.reshape(-1, 10)])
-        return ArmPrior(phi if declared else np.zeros_like(phi), std)
+        return ArmPrior(arm.regroup @ phi if declared else np.zeros(len(arm.pivots)), _precision(arm, std), std, arm)
 
     def with_body(self) -> ArmPrior:
         """The prior with a body on the last link, which may weigh a tenth of the arm or take as much off it."""
-        return ArmPrior(np.concatenate([self.mean, np.zeros(10)]), np.concatenate([self.std, self._body()]))
+        n, body = len(self.mean), self._body()
+        precision = np.zeros((n + len(body), n + len(body)))
+        precision[:n, :n], precision[n:, n:] = self.precision, np.diag(body**-2.0)
+        return replace(self, mean=np.concatenate([self.mean, np.zeros_like(body)]), precision=precision)
 
     def carrying(self) -> ArmPrior:
         """The prior of an arm whose last link may hold such a body all the time, with room for another one."""
         std, body = self.std.copy(), self._body()
         std[-10:] = np.hypot(std[-10:], body)
-        return ArmPrior(np.concatenate([self.mean, np.zeros(10)]), np.concatenate([std, body]))
+        return replace(self, precision=_precision(self.arm, std)).with_body()
 
     def _body(self) -> FloatArray:
         links = self.std.reshape(-1, 10)
@@ -66,6 +71,15 @@ class ArmPrior:
         reach = float(np.sqrt(np.max(links[:, 4:] / links[:, :1])))
         body: FloatArray = mass * np.array([1.0, *[reach] * 3, *[reach**2] * 6])
         return body
+
+
+def _precision(arm: Arm, std: FloatArray) -> FloatArray:
+    """Precision of the base parameters of links whose numbers are known to `std` (10 n_links,), independently."""
+    root = arm.regroup * std
+    scale = np.sqrt(np.sum(root**2, axis=1))
+    root /= scale[:, None]
+    precision: FloatArray = np.linalg.inv(root @ root.T) / np.outer(scale, scale)
+    return precision
 
 
 def _spread(link: FloatArray, *, declared: bool) -> FloatArray:
@@ -120,8 +134,7 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
     n_tried, n_own = len(tried), columns.shape[2] - n_links
     total = n_links + n_own * n
     diagonal = np.arange(total)
-    mean, precision = np.zeros(total), np.zeros((n_tried, total))
-    mean[:n_links], precision[:, :n_links] = prior.mean, prior.std**-2.0
+    precision = np.zeros((n_tried, total))
     # What friction, offset and rotor may be: as large as the torque.
     squares = np.diagonal(columns, axis1=2, axis2=3)[:, :, n_links:]
     norms = np.sqrt(np.maximum(squares / count[:, :, None], 1e-300))
@@ -132,12 +145,15 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
     for _ in range(N_ROUNDS):
         H, b = _weighted(columns, cross, 1 / variance / MEMORY, n_links)
         H[:, diagonal, diagonal] += precision
-        x = _bounded(H, b + precision * mean, bounded)
+        H[:, :n_links, :n_links] += prior.precision
+        b[:, :n_links] += prior.precision @ prior.mean
+        x = _bounded(H, b, bounded)
         at = np.empty((n_tried, n, n_links + n_own))
         at[:, :, :n_links], at[:, :, n_links:] = x[:, None, :n_links], x[:, n_links:].reshape(n_tried, n, n_own)
         left = _left(columns, cross, power, at)
         variance = np.maximum(left / count, floor)
-    price = np.sum(precision * (x - mean) ** 2, axis=1)
+    away = x[:, :n_links] - prior.mean
+    price = np.sum(precision * x**2, axis=1) + np.sum(away @ prior.precision * away, axis=1)
     log = -0.5 * np.sum(count / MEMORY * np.log(variance), axis=1) - 0.5 * price
     per_run = np.empty(counts.shape)
     for k in range(counts.shape[1]):  # one after the other: together they would be all that there is in memory

@@ -102,7 +102,7 @@ def early(bench: Bench, lossy: LossyRows, moments: Moments, delays: Sequence[flo
     shifter, tau = Shifter.of(lossy.rows), lossy.rows.tau
     spectrum = shifter.spectrum(tau)
     channels = [shifter.shifted(spectrum, -delay, _late) if delay else tau for delay in delays]
-    return lossy.channels(bench.robot, moments, np.stack(channels, axis=2))
+    return lossy.channels(bench.arm, moments, np.stack(channels, axis=2))
 
 
 def behind(bench: Bench, lossy: LossyRows, delay: float, response: Response, *, whole: bool) -> Moments:
@@ -110,13 +110,13 @@ def behind(bench: Bench, lossy: LossyRows, delay: float, response: Response, *, 
     shifter, rows = Shifter.of(lossy.rows), lossy.rows
 
     def shifted(j: int) -> FloatArray:
-        late = shifter.shifted(shifter.spectrum(lossy.columns(bench.robot, j)), delay, response)
+        late = shifter.shifted(shifter.spectrum(lossy.columns(bench.arm, j)), delay, response)
         if not whole:
             # What a gear loses belongs to its links.
-            late[:, -N_OWN - 1 : -1] = rows.columns(bench.robot, j)[:, -N_OWN:]
+            late[:, -N_OWN - 1 : -1] = rows.columns(bench.arm, j)[:, -N_OWN:]
         return late
 
-    return lossy.moments(bench.robot, shifted)
+    return lossy.moments(bench.arm, shifted)
 
 
 def lags(bench: Bench, enough: float) -> list[Lag]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.model.gear_loss import gear_losses
+from dynid_rs.sensors.arm import Arm
 from dynid_rs.sensors.changes import Bench
 from dynid_rs.sensors.fit import ArmFit
 from dynid_rs.sensors.rows import ArmRows, Moments
@@ -29,23 +30,23 @@ class LossyRows:
     rows: ArmRows
     loss: FloatArray
 
-    def columns(self, robot: _core.RobotModel, j: int) -> FloatArray:
-        """Columns of joint j, (n_rows, 10 (n_links - j) + 5): its loss, which is not negative, is the last."""
-        return np.column_stack([self.rows.columns(robot, j), self.loss[:, j]])
+    def columns(self, arm: Arm, j: int) -> FloatArray:
+        """Columns of joint j, (n_rows, n): its loss, which is not negative, is the last."""
+        return np.column_stack([self.rows.columns(arm, j), self.loss[:, j]])
 
-    def moments(self, robot: _core.RobotModel, seen: Callable[[int], FloatArray] | None = None) -> Moments:
+    def moments(self, arm: Arm, seen: Callable[[int], FloatArray] | None = None) -> Moments:
         """Moments of the run, every joint with its own channel."""
-        own = (lambda j: self.columns(robot, j)) if seen is None else seen
-        return Moments.of(robot, self.rows, own).picked(range(self.rows.n_joints))
+        own = (lambda j: self.columns(arm, j)) if seen is None else seen
+        return Moments.of(arm, self.rows, own).picked(range(self.rows.n_joints))
 
-    def channels(self, robot: _core.RobotModel, moments: Moments, tau: FloatArray) -> Moments:
+    def channels(self, arm: Arm, moments: Moments, tau: FloatArray) -> Moments:
         """`moments` of the run with other channels, k of each joint's own: `tau` (n_rows, n_joints, k)."""
         cross = np.zeros((*moments.columns.shape[:2], tau.shape[2]))
         power = np.empty((len(cross), tau.shape[2]))
         for j in range(len(cross)):
             told = self.rows.told[:, j]
             own = tau[told, j]
-            cross[j, 10 * j :] = self.columns(robot, j)[told].T @ own
+            cross[j, arm.first(j) :] = self.columns(arm, j)[told].T @ own
             power[j] = np.sum(own**2, axis=0)
         return replace(moments, cross=cross, power=power)
 
@@ -62,13 +63,13 @@ class LossyArm:
 def lossy_arm(bench: Bench) -> LossyArm:
     """Give every gear a loss, over the way of the catalogue's grid under which the runs are most probable."""
     phi = bench.fit.x[: len(bench.prior.mean)]
-    loads = [np.einsum("njp,p->nj", rows.regressor(bench.robot), phi) for rows in bench.rows]
+    loads = [np.einsum("njp,p->nj", rows.regressor(bench.arm), phi) for rows in bench.rows]
     arms = []
     for effect in gear_losses(loads):
         lossy = tuple(
             LossyRows(rows, _core.effect_columns(effect, rows.q, rows.dq, rows.ddq, tau_link=load)[:, :, 0])
             for rows, load in zip(bench.rows, loads, strict=True)
         )
-        moments = tuple(rows.moments(bench.robot) for rows in lossy)
+        moments = tuple(rows.moments(bench.arm) for rows in lossy)
         arms.append(LossyArm(lossy, moments, bench.fitted(moments)))
     return max(arms, key=lambda arm: arm.fit.log)

@@ -18,7 +18,7 @@ def beside_a_common_load(bench: Bench, run: int) -> tuple[float, float]:
     """What another body on one run gains [nats] where all runs may carry one, and its mass [kg]."""
     prior, at = bench.prior.carrying(), len(bench.prior.mean)
     common, other = (
-        fit_arm(prior, [plain.with_body(carried=k == one) for k, plain in enumerate(bench.plain)], bench.size)
+        fit_arm(prior, [run.with_body(bench.arm, carried=k == one) for k, run in enumerate(bench.plain)], bench.size)
         for one in (None, run)
     )
     return other.log - common.log, float(other.x[at])
@@ -26,5 +26,5 @@ def beside_a_common_load(bench: Bench, run: int) -> tuple[float, float]:
 
 def carried(bench: Bench, where: Sequence[int]) -> ArmFit:
     """The model with a body on the last link in these runs, whose ten numbers come behind the links'."""
-    runs = [plain.with_body(carried=k in where) for k, plain in enumerate(bench.plain)]
+    runs = [run.with_body(bench.arm, carried=k in where) for k, run in enumerate(bench.plain)]
     return fit_arm(bench.prior.with_body(), runs, bench.size)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.runs.preprocessing import States
+from dynid_rs.sensors.arm import Arm
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -44,7 +45,7 @@ class ArmRows:
     tau: FloatArray
     told: BoolArray
     steepness: FloatArray
-    _regressor: list[tuple[_core.RobotModel, FloatArray]] = field(default_factory=list, init=False)
+    _regressor: list[tuple[Arm, FloatArray]] = field(default_factory=list, init=False)
 
     @staticmethod
     def of(states: States) -> ArmRows:
@@ -95,21 +96,21 @@ class ArmRows:
         changed: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, list(order)]) for name in names}
         return replace(self, **changed)
 
-    def regressor(self, robot: _core.RobotModel) -> FloatArray:
-        """Columns of the links' ten numbers, (n_rows, n_joints, 10 n_links); the last robot's is kept."""
-        for kept, columns in self._regressor[:]:  # at once: others may ask for another robot meanwhile
-            if kept is robot:
+    def regressor(self, arm: Arm) -> FloatArray:
+        """Columns of the base parameters, (n_rows, n_joints, n_base); the last arm's is kept."""
+        for kept, columns in self._regressor[:]:  # at once: others may ask for another arm meanwhile
+            if kept is arm:
                 return columns
-        columns = robot.joint_torque_regressor(self.q, self.dq, self.ddq)
-        self._regressor[:] = [(robot, columns)]
+        columns = arm.regressor(self.q, self.dq, self.ddq)
+        self._regressor[:] = [(arm, columns)]
         return columns
 
-    def columns(self, robot: _core.RobotModel, j: int) -> FloatArray:
-        """Columns of joint j, (n_rows, 10 (n_links - j) + 4): of the links that it moves, and its own.
+    def columns(self, arm: Arm, j: int) -> FloatArray:
+        """Columns of joint j, (n_rows, n): of what it feels of the links, and its own.
 
         Its own: offset, viscous, Coulomb, rotor.
         """
-        links = self.regressor(robot)[:, j, 10 * j :]
+        links = self.regressor(arm)[:, j, arm.first(j) :]
         columns = np.empty((len(self.q), links.shape[1] + N_OWN))
         columns[:, :-N_OWN] = links
         own = (1.0, self.dq_motor[:, j], self.sign[:, j], self.ddq_motor[:, j])
@@ -140,8 +141,8 @@ def steepness(tau: FloatArray) -> FloatArray:
 class Moments:
     """Products of a run's columns, per joint: all that a fit needs.
 
-    `columns` (n_joints, n, n) of the 10 numbers of every link and the joint's own, four or more; `cross` (n_joints,
-    n, k) of them with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count`
+    `columns` (n_joints, n, n) of the links' base parameters and the joint's own, four or more; `cross` (n_joints, n, k)
+    of them with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count`
     (n_joints,).
     """
 
@@ -151,10 +152,10 @@ class Moments:
     count: FloatArray
 
     @staticmethod
-    def of(robot: _core.RobotModel, rows: ArmRows, seen: Callable[[int], FloatArray] | None = None) -> Moments:
-        """Moments of a run for a robot; `seen` is what the torque channels make of the columns of a joint."""
+    def of(arm: Arm, rows: ArmRows, seen: Callable[[int], FloatArray] | None = None) -> Moments:
+        """Moments of a run of an arm; `seen` is what the torque channels make of the columns of a joint."""
         n = rows.n_joints
-        parts = [rows.columns(robot, j) if seen is None else seen(j) for j in range(n)]
+        parts = [rows.columns(arm, j) if seen is None else seen(j) for j in range(n)]
         width = parts[0].shape[1]  # the first joint moves all links
         columns, cross = np.zeros((n, width, width)), np.zeros((n, width, n))
         power, whole = np.empty((n, n)), bool(rows.told.all())
@@ -162,9 +163,9 @@ class Moments:
             tau = rows.tau
             if not whole:
                 A, tau = A[rows.told[:, j]], tau[rows.told[:, j]]
-            # A joint does not feel the links before it.
-            columns[j, 10 * j :, 10 * j :] = A.T @ A
-            cross[j, 10 * j :] = A.T @ tau
+            first = width - A.shape[1]
+            columns[j, first:, first:] = A.T @ A
+            cross[j, first:] = A.T @ tau
             power[j] = np.sum(tau**2, axis=0)
         return Moments(columns, cross, power, rows.told.sum(axis=0).astype(float))
 
@@ -177,14 +178,13 @@ class Moments:
             mixed[name] = np.where(joints.reshape(-1, *[1] * (mine.ndim - 1)), theirs, mine)
         return replace(self, **mixed)
 
-    def with_body(self, *, carried: bool) -> Moments:
+    def with_body(self, arm: Arm, *, carried: bool) -> Moments:
         """Moments with ten more columns before the joints' own: a body on the last link, if it is `carried`."""
-        n = self.columns.shape[1] - N_OWN
-        order = np.r_[np.arange(n), np.arange(n - 10, n), np.arange(n, n + N_OWN)]
-        there = np.ones(len(order))
-        there[n : n + 10] = float(carried)
-        columns = self.columns[:, order][:, :, order] * np.outer(there, there)
-        return replace(self, columns=columns, cross=self.cross[:, order] * there[:, None])
+        n, (n_links, body) = self.columns.shape[1], arm.regroup[:, -10:].shape
+        T = np.zeros((n, n + body))
+        T[:n_links, :n_links], T[n_links:, n_links + body :] = np.eye(n_links), np.eye(n - n_links)
+        T[:n_links, n_links : n_links + body] = float(carried) * arm.regroup[:, -body:]
+        return replace(self, columns=T.T @ self.columns @ T, cross=T.T @ self.cross)
 
     def picked(self, channel: Sequence[int], factor: FloatArray | float = 1.0) -> Moments:
         """Moments with one channel per joint, times a factor (n_joints,)."""

@@ -82,7 +82,7 @@ def _gains(benches: Sequence[Bench], runs: Sequence[int]) -> tuple[list[tuple[Ar
 def _told(columns: FloatArray, cross: FloatArray, phi: FloatArray) -> FloatArray:
     """Power of the links' torque over its product with the channel, beside the joint's own columns; NaN: not told.
 
-    columns (n_benches, n_joints, n, n), cross (n_benches, n_joints, n), phi (n_benches, 10 n_links): gains (n_benches,
+    columns (n_benches, n_joints, n, n), cross (n_benches, n_joints, n), phi (n_benches, n_base): gains (n_benches,
     n_joints).
     """
     n_links = phi.shape[1]
