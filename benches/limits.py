@@ -23,7 +23,10 @@ PLACES = ("first cache", "second cache", "memory")
 
 @dataclass(frozen=True)
 class Kernel:
-    """What a sample costs: operations, bytes read and written, and where the bytes lie (index into [`PLACES`])."""
+    """What a sample costs: operations, bytes read and written, and where the bytes lie (index into [`PLACES`]).
+
+    Of what is stored in memory the samples stay in the cache.
+    """
 
     name: str
     time: float
@@ -78,7 +81,8 @@ def kernels(figures: dict) -> list[Kernel]:
         Kernel("inverse dynamics", figures["rnea_ns"], *figures["rnea_operations"], state, torque, 0),
         Kernel("inverse dynamics, lanes", figures["rnea_in_lanes_ns"], *figures["rnea_operations"], state, torque, 0),
         Kernel("regressor, used up", figures["regressor_consumed_ns"], consumed, others, state + filled, filled, 0),
-        Kernel("regressor, stored", figures["regressor_stored_ns"], products, others, state, columns, 1),
+        Kernel("regressor, stored in cache", figures["regressor_stored_ns"], products, others, state, columns, 1),
+        Kernel("regressor, stored in memory", figures["regressor_in_memory_ns"], products, others, 0, columns, 2),
     ]
 
 
@@ -109,7 +113,13 @@ def rows():
             yield row(kernel, figures)
 
 
-GOALS = {"inverse dynamics": 0.7, "inverse dynamics, lanes": 0.7, "regressor, used up": 0.6, "regressor, stored": 0.8}
+GOALS = {
+    "inverse dynamics": 0.7,
+    "inverse dynamics, lanes": 0.7,
+    "regressor, used up": 0.6,
+    "regressor, stored in cache": 0.6,
+    "regressor, stored in memory": 0.8,
+}
 
 
 def row(kernel: Kernel, figures: dict) -> Row:
@@ -130,7 +140,7 @@ def row(kernel: Kernel, figures: dict) -> Row:
 WIDTH, HEIGHT, LEFT, BOTTOM = 720, 400, 64, 48
 INTENSITY, RATE = (0.02, 20.0), (1.0, 400.0)
 """Ends of the axes: operations per byte, operations per nanosecond."""
-COLOURS = ("#4c78a8", "#b279a2", "#f58518", "#54a24b")
+COLOURS = ("#4c78a8", "#b279a2", "#f58518", "#54a24b", "#e45756")
 
 
 def draw(figures: dict) -> None:

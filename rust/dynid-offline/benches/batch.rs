@@ -1,5 +1,5 @@
-//! Time per sample of the batch kernels on one thread: inverse dynamics, the regressor stored where it was stored before
-//! and consumed in the cache, single calls, mixture regression. The fastest of many short rounds, so that other people's
+//! Time per sample of the batch kernels on one thread: inverse dynamics, the regressor stored where it was stored before,
+//! stored in memory, and consumed in the cache, single calls, mixture regression. The fastest of many short rounds, so that other people's
 //! jobs count as little as they can. Beside them what this machine can do, and how many operations the kernels consist of.
 //!
 //! `cargo bench -p dynid-offline --bench batch`; prints one line of JSON per processor path.
@@ -31,6 +31,9 @@ const N: usize = 6;
 /// As many as one task takes, so that nothing goes to another thread; their regressors fit into the second cache.
 const N_SAMPLES: usize = 256;
 const ROUNDS: usize = 400;
+/// Regressors of so many times as many samples are 1 GiB: more than any cache holds.
+const IN_MEMORY: usize = (1 << 30) / (8 * 10 * N * N * N_SAMPLES);
+const ROUNDS_IN_MEMORY: usize = 8;
 
 /// States of [`N`] joints, sines and all, of the samples from `first` on; signals have one row per joint. Of angles that
 /// begin at `offsets`.
@@ -124,9 +127,14 @@ impl Kernel for Consumed<'_> {
 }
 
 /// Nanoseconds per item of the fastest round.
-fn fastest(items: usize, mut work: impl FnMut()) -> f64 {
+fn fastest(items: usize, work: impl FnMut()) -> f64 {
+    fastest_of(ROUNDS, items, work)
+}
+
+/// The same of so many rounds.
+fn fastest_of(rounds: usize, items: usize, mut work: impl FnMut()) -> f64 {
     let mut best = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         let start = Instant::now();
         work();
         best = best.min(start.elapsed().as_nanos() as f64);
@@ -200,6 +208,15 @@ fn main() {
             batch::joint_torque_regressor(&robot, &q, &dq, &ddq, &mut regressor).unwrap();
             black_box(&regressor);
         });
+        let in_memory = {
+            let mut all = vec![0.0; IN_MEMORY * regressor.len()];
+            fastest_of(ROUNDS_IN_MEMORY, IN_MEMORY * N_SAMPLES, || {
+                for part in all.chunks_exact_mut(regressor.len()) {
+                    batch::joint_torque_regressor(&robot, &q, &dq, &ddq, part).unwrap();
+                }
+                black_box(&all);
+            })
+        };
         let consumed = fastest(N_SAMPLES, || {
             lanes::run(Consumed {
                 robot: &robot,
@@ -231,6 +248,7 @@ fn main() {
         let limits = limits::measured();
         println!(
             "{{\"path\":\"{}\",\"rnea_ns\":{torques:.1},\"rnea_in_lanes_ns\":{in_lanes:.1},\"regressor_stored_ns\":{stored:.1},\
+             \"regressor_in_memory_ns\":{in_memory:.1},\
              \"regressor_consumed_ns\":{consumed:.1},\"one_rnea_ns\":{single:.1},\
              \"one_regressor_ns\":{single_regressor:.1},\"mixture_ns\":{points:.1},\
              \"multiply_adds\":{:.2},\"arithmetic\":{:.2},\"read\":{:.1?},\"written\":{:.1?},\"clock\":{:.2},\
