@@ -29,7 +29,7 @@ from exam.draw import REPORTED, stream
 from campaigns import watch_page
 from campaigns.kept import commit
 from campaigns.watch_arm import LEARNED, MOTIONS, draw_watched, prepare
-from campaigns.watch_changes import CHANGES, ENDS
+from campaigns.watch_changes import AT, CHANGES, ENDS
 from campaigns.watch_clean import watch_clean
 from campaigns.watch_judge import judge
 
@@ -114,8 +114,9 @@ def examine(seed: int, motions: Sequence[str] = LEARNED) -> Figures:
         rng = stream(seed, 42, k)
         change, truth = put(rng, ready)
         motion = str(rng.choice(MOTIONS))
-        watched = ready.watch.watch(arm.record(ready.first + k, ENDS, motion, change=change))
-        outcomes.append(judge(label, seed, truth, arm.joints, watched).to_json() | {"motion_kind": motion})
+        run = arm.record(ready.first + k, ENDS, motion, change=change)
+        outcome = judge(label, seed, truth, arm.joints, ready.watch.watch(run), float(run.t[0]) + AT)
+        outcomes.append(outcome.to_json() | {"motion_kind": motion})
     case = arm.world.case
     about = {"joints": case.n_joints, "encoders": case.n_encoders, "mass": case.mass, "error": ready.error.tolist()}
     return {**about, "outcomes": outcomes}

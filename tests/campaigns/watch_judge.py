@@ -9,7 +9,7 @@ import numpy as np
 
 import dynid_rs as dyn
 from campaigns.watch_arm import ROW
-from campaigns.watch_changes import AT, Truth
+from campaigns.watch_changes import Truth
 
 WORDS = {"offset": "constant torque", "slip": "encoder slip"}
 """A kind as people say it, where that is not its name."""
@@ -52,10 +52,12 @@ def is_named(change: dyn.Change, truth: Truth, joints: Sequence[str]) -> bool:
     return change.kind in truth.kinds and (truth.joint is None or change.joint == joints[truth.joint])
 
 
-def judge(label: str, seed: int, truth: Truth, joints: Sequence[str], watched: dyn.Watched) -> Outcome:
-    """Return the outcome of a run in which `truth` began at `AT`."""
+def judge(label: str, seed: int, truth: Truth, joints: Sequence[str], watched: dyn.Watched, begun: float) -> Outcome:
+    """Return the outcome of a run in which `truth` began at `begun` [s], by the run's stamps.
+
+    The first row begins some samples after the run, so that rows do not tell when that was.
+    """
     joint = "" if truth.joint is None else joints[truth.joint]
-    begun = float(watched.t[0]) - ROW + AT
     named = [change for change in watched.changes if change.said == "named"]
     late = [change for change in named if change.t >= begun]
     early = len(named) - len(late)
@@ -65,7 +67,7 @@ def judge(label: str, seed: int, truth: Truth, joints: Sequence[str], watched: d
     first, *others = late
     of_arm = truth.joint is None or "frozen" in truth.kinds
     moves = watched.watched.any(axis=1) if of_arm else watched.watched[:, truth.joint]
-    rows = moves & (watched.t > begun) & (watched.t <= first.t)
+    rows = moves & (watched.t - begun > ROW / 2) & (watched.t <= first.t)  # those that lie behind the beginning
     wrong = [change for change in others if not is_named(change, truth, joints)]
     settled, error, covered = _settled(first, truth, joints, watched.changes)
     return Outcome(

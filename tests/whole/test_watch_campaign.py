@@ -29,7 +29,7 @@ def watched(*changes):
 
 
 def judged(*changes, truth=TRUTH):
-    return judge("friction +20 %", 1, truth, JOINTS, watched(*changes))
+    return judge("friction +20 %", 1, truth, JOINTS, watched(*changes), AT)
 
 
 def test_a_right_name_is_right_and_its_time_is_that_of_motion():
@@ -39,6 +39,17 @@ def test_a_right_name_is_right_and_its_time_is_that_of_motion():
     assert outcome.time == pytest.approx(5.25)
     assert outcome.motion == pytest.approx(2.6)
     assert outcome.error == pytest.approx(0.05)
+
+
+def test_a_delay_is_counted_from_the_change_and_not_from_the_row_nearest_to_it():
+    """A watch that differentiates positions begins its first row some samples after the run."""
+    frozen = Truth(("frozen",), 1, None)
+    seen = watched(Change(AT + 0.051, "frozen", "b", 0.0, (0.0, 0.0)))
+    outcome = judge("channel frozen", 1, frozen, JOINTS, replace(seen, t=seen.t + 0.009), AT)
+    assert outcome.time == pytest.approx(0.051)
+    assert outcome.motion == 0.0  # the row that ends 9 ms after the change lies before it
+    outcome = judge("friction +20 %", 1, TRUTH, JOINTS, replace(watched(NAMED), t=seen.t + 0.009), AT)
+    assert outcome.motion == pytest.approx(2.6)
 
 
 @pytest.mark.parametrize("wrong", [{"joint": "a"}, {"kind": "gain"}, {"kind": "load"}, {"kind": "unknown"}])
