@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 from bad_data.clean import Clean
@@ -39,6 +40,30 @@ def test_the_figures_of_bad_data_are_those_of_its_table():
     wanted = {"drawn": 3, "found": 2, "named": 1, "clean": 8, "alarmed": 1, "cases": 2, "stopped": 1}
     wanted["others"] = {"diagnose": {"drawn": 2, "found": 1, "named": 0}}
     assert figures == wanted
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("hostile", "1 failed, 47 passed in 3.21s"),
+        ("determinism", "1 failed, 8 passed in 3.21s"),
+        ("fuzz", "urdf             1,000 executions in 3.0 s, 900 edges, 40 MB"),
+        ("readers", "table            1,000 executions in 3.0 s, 900 edges, 40 MB"),
+        ("online", "1000 streams: 3.21s"),
+    ],
+)
+def test_a_campaign_that_failed_is_not_told_as_one_that_found_nothing(name, said):
+    """Its figures alone would say `all 47`, `no crash`, `none failed`."""
+    ends = {code: replace(page.CAMPAIGNS[name], command=f"echo '{said}'; exit {code}") for code in (0, 1)}
+    assert page.run(ends[0], quick=False)["figures"] == page.CAMPAIGNS[name].read(said)
+    with pytest.raises(SystemExit, match="ended with 1:"):
+        page.run(ends[1], quick=False)
+
+
+def test_a_campaign_whose_figures_hold_what_was_found_has_them_after_a_failure():
+    said = json.dumps({"functions": 3, "calls": 10, "found": {"f": ["x: the process died"]}})
+    failing = replace(page.CAMPAIGNS["boundary"], command=f"echo '{said}'; exit 1")
+    assert "**1 found" in failing.say(page.run(failing, quick=False)["figures"])
 
 
 def test_the_page_is_what_its_figures_say():
