@@ -125,12 +125,19 @@ def examine(seed: int) -> Figures:
 
 
 def _moved_on(arm: Arm, robot: dyn.RobotModel, first: dyn.Diagnosis, way: str) -> Iterator[Figures]:
-    """One motion after the other until the case is settled: what was said before it, and what came out."""
-    found, runs = first, list(arm.runs)
+    """One motion after the other until the case is settled: what was said before it, and what came out.
+
+    A way that stops with an error leaves the case as it was, which is not settled.
+    """
+    found, runs, outcome = first, list(arm.runs), judged(arm, first)
     for k in range(MOST_MOTIONS):
-        motion, said = _planned(arm, found, robot, way, k)
-        runs.append(arm.record(motion, SECONDS, f"{way}_{k}", k))
-        found = diagnosed(arm, robot, runs)
+        try:
+            motion, said = _planned(arm, found, robot, way, k)
+            runs.append(arm.record(motion, SECONDS, f"{way}_{k}", k))
+            found = diagnosed(arm, robot, runs)
+        except (ValueError, RuntimeError) as error:
+            yield {**outcome, "failure": f"{type(error).__name__}: {error}"}
+            return
         outcome = judged(arm, found)
         yield {**outcome, **said}
         if outcome["settled"]:

@@ -53,7 +53,18 @@ def tables(cases: Sequence[Result]) -> str:
         end = sum(steps[-1]["settled"] for steps in done)
         false = sum(steps[-1]["false"] > 0 for steps in done)
         rows.append(f"| {words} | {_share(first, len(done))} | {_share(end, len(done))} | {false} of {len(done)} |")
-    return head + "\n\n" + "\n".join(rows)
+    return "\n\n".join([head, "\n".join(rows), *_stopped(open_)])
+
+
+def _stopped(open_: Sequence[Result]) -> list[str]:
+    """Ways that ended with an error: what they left is not settled."""
+    lines = [
+        f"* {case['seed']}, {way}: {steps[-1]['failure']}"
+        for case in open_
+        for way, steps in case["ways"].items()
+        if steps and steps[-1].get("failure")
+    ]
+    return ["Stopped with an error, and counted as not settled:\n\n" + "\n".join(lines)] if lines else []
 
 
 def _kinds(cases: Sequence[Result]) -> str:
@@ -70,17 +81,17 @@ def _said(cases: Sequence[Result]) -> str:
     """What was said before the first designed motion."""
     first = [case["ways"]["designed"][0] for case in cases if case["open"] and case["ways"].get("designed")]
     asked = sum(any(q["kind"] == case["effect"] for q in case["questions"]) for case in cases if case["open"])
-    times = [step["times"] for step in first if step["times"] is not None]
-    seconds = [step["cpu_s"] for step in first]
-    if not first:
-        return "Nothing was open."
+    planned = [step for step in first if "cpu_s" in step]
+    times = [step["times"] for step in planned if step["times"] is not None]
+    if not planned:
+        return "Nothing was open." if not first else "No motion could be designed."
     said = f"In {asked} of {len(first)} open cases the effect's kind is among the questions that are said to be open. "
     if times:
         said += (
             f"Random motion is said to need {np.median(times):.2g} times as long as the designed one to tell as much "
             f"(median; {np.quantile(times, 0.9):.2g} at the 90th percentile). "
         )
-    return said + f"A design takes {np.median(seconds):.0f} s of the processor (median)."
+    return said + f"A design takes {np.median([step['cpu_s'] for step in planned]):.0f} s of the processor (median)."
 
 
 def _share(part: int, whole: int) -> str:

@@ -1,8 +1,10 @@
 """`tests/campaigns/next_experiment.py`: an arm that is moved on shows that motion; what is wrong is counted wrong."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from campaigns import next_page
+from campaigns import next_experiment, next_page
 from campaigns.next_arm import draw_arm
 from campaigns.next_experiment import limits_of
 
@@ -52,3 +54,32 @@ def test_the_page_counts_open_cases_alone():
     assert "2 open after a minute" in page
     assert "| designed (`dyn.next_experiment`) | 1 of 2 (50 %) | 1 of 2 (50 %) | 0 of 2 |" in page
     assert "In 2 of 2 open cases" in page
+
+
+def test_a_way_that_stops_with_an_error_has_not_settled_its_case(monkeypatch):
+    """It left the case out of all counts before, as one in which nothing had been open."""
+
+    def fails(*_):
+        raise ValueError("no motion keeps the limits")
+
+    left = {"settled": False, "named": False, "tie": True, "false": 1}
+    monkeypatch.setattr(next_experiment, "_planned", fails)
+    monkeypatch.setattr(next_experiment, "judged", lambda arm, found: left)
+    monkeypatch.setattr(next_experiment, "diagnosed", lambda *_: SimpleNamespace(asked=object()))
+    monkeypatch.setattr(next_experiment, "draw_arm", lambda *_: DRAWN)
+    monkeypatch.setattr(next_experiment.dyn.RobotModel, "from_urdf", lambda *_: None)
+    monkeypatch.setattr(next_experiment, "_questions", lambda asked: [])
+    stopped = next_experiment.examine(5)
+    assert stopped["open"]
+    assert stopped["ways"]["random"] == [{**left, "failure": "ValueError: no motion keeps the limits"}]
+    page = next_page.page({"seed": 1, "minutes": 5.0, "commit": "abc"}, [case(True, True), stopped])
+    assert "2 open after a minute" in page
+    assert "| random | 1 of 2 (50 %) | 1 of 2 (50 %) | 1 of 2 |" in page
+    assert "* 5, designed: ValueError: no motion keeps the limits" in page
+
+
+DRAWN = SimpleNamespace(
+    robot="robot.urdf",
+    runs=[],
+    truth={"effects": [{"kind": "stribeck", "ratio": 0.4}], "case": {"motion": "fourier"}},
+)
