@@ -21,10 +21,11 @@ Written by `python tests/campaigns/next_experiment.py --seed {seed} --minutes {m
 --page docs/measured/next_experiment.md` at commit {commit}. Arms, effects, sensors and noise are drawn by the exam's
 generator (`tests/exam`), which shares no line with the product: one effect of a kind that seconds of motion can show,
 of .3 to .5 times the noise by what the declared model leaves of it in a minute of ordinary motion (two runs of 30 s:
-harmonics, moves, stop and go, poor motion); where such an effect cannot be made so small it is larger. *Open* are the
-cases in which the effect has no name after that minute, is told as one of two, or stands beside a false name. They are
-moved on by at most two motions of 20 s within the robot file's positions and the minute's speeds and accelerations, and
-diagnosed anew on all runs. *Settled*: the effect is named, told apart, and nothing else is.
+harmonics, moves, stop and go, poor motion); where such an effect cannot be made so small it is larger, and where an arm
+shows none of its kind another one stands in, of any kind of the exam. *Open* are the cases in which the effect has no
+name after that minute, is told as one of two, or stands beside a false name. They are moved on by at most two motions
+of 20 s within the robot file's positions and the minute's speeds and accelerations, and diagnosed anew on all runs.
+*Settled*: the effect is named, told apart, and nothing else is.
 
 """
 
