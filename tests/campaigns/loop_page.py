@@ -43,7 +43,7 @@ def page(invocation: Result, arms: Sequence[Result]) -> str:
 def tables(arms: Sequence[Result]) -> str:
     """Marks, then a row for every arm and way."""
     whole = [arm for arm in arms if arm["failure"] is None]
-    parts = [_marks(whole), _ways(whole), _each(whole)]
+    parts = [_marks(arms), _ways(whole), _each(whole)]
     failed = [f"* {arm['seed']}: {arm['failure']}" for arm in arms if arm["failure"] is not None]
     return "\n\n".join([part for part in parts if part] + (["Not finished:\n\n" + "\n".join(failed)] if failed else []))
 
@@ -62,12 +62,13 @@ def seconds_needed(steps: Sequence[Result]) -> float:
 
 
 def _marks(arms: Sequence[Result]) -> str:
+    """Of all arms: one that was not finished has reached nothing."""
     if not arms:
         return "No arm was drawn."
-    ends = [arm["ways"]["loop"][-1] for arm in arms]
-    good = sum(step["error"] <= ENOUGH for step in ends)
+    whole = [arm for arm in arms if arm["failure"] is None]
+    good = sum(arm["ways"]["loop"][-1]["error"] <= ENOUGH for arm in whole)
     halves = 0
-    for arm in arms:
+    for arm in whole:
         own, other = (seconds_needed(arm["ways"][way]) for way in ("loop", "exciting"))
         halves += np.isfinite(own) and own <= other / 2
     n = len(arms)

@@ -75,9 +75,10 @@ def test_the_page_says_what_was_needed_and_what_was_not_reached():
     arm = {"seed": 1, "kinds": ["stribeck"], "failure": None, "ways": {"loop": loop, "exciting": slow, "random": slow}}
     failed = {"seed": 2, "kinds": [], "failure": "diagnose: no", "ways": {}}
     page = loop_page.page({"seed": 7, "arms": 2, "commit": "abc"}, [arm, failed])
-    assert "| the loop ends with an error within 5 % of the oracle's | 1 of 1 arms | yes |" in page
-    assert "needs | 1 of 1 arms | yes |" in page
+    assert "| the loop ends with an error within 5 % of the oracle's | 1 of 2 arms | **no** |" in page
+    assert "needs | 1 of 2 arms | **no** |" in page
     assert "| 1 | stribeck | loop | 2 (said so) | 40 | 1 of 1 | 0 | 1.02 (1.02) | 40 |" in page
     assert "|  |  | exciting | 2 | 40 | 1 of 1 | 0 | 1.5 (1.5) | 80 |" in page
     assert "* 2: diagnose: no" in page
+    assert "oracle's | 1 of 1 arms | yes |" in loop_page.tables([arm])
     assert loop_page.seconds_needed([step(20.0, 1.06)]) == np.inf
