@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from bad_data.clean import Clean
     from bad_data.run import Result
 
+PART = " (part "
+"""What follows the file's name where a run is read in parts."""
 HEAD = """# Bad data
 
 What `dynid` says of recordings that are not what they seem: by name (`code`), file, column, rows, with its evidence
@@ -78,14 +80,20 @@ def table(result: Result) -> str:
         lines.append(f"`dynid {command}`, asked the same: of {len(of)} {found} found, {named} named right.")
     n_runs, alarmed = recordings(result.clean)
     lines += ["", f"Clean recordings: {n_runs}, with a false alarm: {alarmed}. By code: {_by_code(result.clean)}."]
-    effects, stopped = result.effects, sum(bool(one.alarms) for one in result.effects)
+    effects, stopped = result.effects, sum(bool(one.alarms or one.failed) for one in result.effects)
     lines.append(f"Cases with effects: {len(effects)}, stopped by an error: {stopped}. By code: {_by_code(effects)}.")
     return "\n".join(lines)
 
 
 def recordings(clean: Sequence[Clean]) -> tuple[int, int]:
-    """How many recordings there are, and of how many something is said that is not true."""
-    return sum(one.n_runs for one in clean), sum(len({alarm.file for alarm in one.alarms}) for one in clean)
+    """How many recordings there are, and of how many something is said that is not true, or nothing can be said."""
+    return sum(one.n_runs for one in clean), sum(_alarmed(one) for one in clean)
+
+
+def _alarmed(one: Clean) -> int:
+    """Recordings of a set with an alarm: all of them where it names no file, and where the command broke down."""
+    files = {alarm.file.split(PART)[0] for alarm in one.alarms}
+    return one.n_runs if one.failed or "" in files else len(files)
 
 
 def _by_code(clean: Sequence[Clean]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from bad_data.clean import Clean
 from bad_data.judge import Mark, Said
-from bad_data.page import table
+from bad_data.page import recordings, table
 from bad_data.run import Result, Told
 from campaigns import drawn, faults, kills, mutants, page, reach, rust_mutants
 from helpers.data import ROOT
@@ -40,6 +40,16 @@ def test_the_figures_of_bad_data_are_those_of_its_table():
     wanted = {"drawn": 3, "found": 2, "named": 1, "clean": 8, "alarmed": 1, "cases": 2, "stopped": 1}
     wanted["others"] = {"diagnose": {"drawn": 2, "found": 1, "named": 0}}
     assert figures == wanted
+
+
+def test_an_alarm_without_a_file_is_of_all_recordings_and_a_breakdown_too():
+    everywhere = Said("error", "mounting", "", "", None, None, "", "")
+    parts = [Said("warning", "contact", f"run_0.parquet (part {k})", "tau_0", None, None, "", "") for k in (1, 2)]
+    broken = Clean(3, "single", 2, [], "KeyError: 'rows'")
+    assert recordings([Clean(1, "clean", 4, [everywhere])]) == (4, 4)
+    assert recordings([Clean(1, "clean", 2, parts)]) == (2, 1)
+    assert recordings([Clean(1, "clean", 4, []), broken]) == (6, 2)
+    assert "stopped by an error: 1." in table(Result(7, [], [], [], [broken, Clean(4, "single", 1, [])]))
 
 
 @pytest.mark.parametrize(
