@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
-import resource
 import statistics
+import sys
 
 import numpy as np
-from measure import processor_seconds
+from measure import ROOT, processor_seconds
 
 import dynid_rs as dyn
 from dynid_rs.simulation import bundled_robot
 
+sys.path.insert(0, str(ROOT / "tests"))
+
+from helpers.processes import peak_bytes
+
 
 def peak() -> float:
     """Most memory that this process ever had [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return peak_bytes() / 2**20
 
 
 def main():
