@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         running = {pool.submit(work, job): name for name, job in waiting.items()}
         for future in as_completed(running):
             name = running[future]
-            found["done"][name] = future.result()
+            found["done"][name] = {**future.result(), "commit": commit()}
             print(f"[{len(found['done'])}/{len(jobs)}] {name}", flush=True)
             if options.keep is not None:
                 options.keep.write_text(json.dumps(found) + "\n", encoding="utf-8")

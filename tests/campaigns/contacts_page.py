@@ -24,6 +24,7 @@ from campaigns.contacts_arm import (
     TRAINED_SECONDS,
 )
 from campaigns.guiding import DRIFT, LEFT
+from campaigns.kept import commits_of
 
 FloatArray = NDArray[np.float64]
 Result = dict[str, Any]
@@ -71,7 +72,7 @@ def write(path: Path, invocation: dict[str, Any], results: Sequence[Result]) -> 
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     by_hand = before[before.index(BY_HAND) :] if BY_HAND in before else f"{BY_HAND}\n"
     head = INTRODUCTION.format(
-        **invocation,
+        **{**invocation, "commit": commits_of(invocation, results)},
         trained=TRAINED_SECONDS,
         length=SECONDS,
         clean=CLEAN,

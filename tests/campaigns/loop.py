@@ -26,7 +26,7 @@ if __package__ in (None, ""):
 from exam.draw import REPORTED, stream
 
 from campaigns import loop_page
-from campaigns.kept import keep, read_kept
+from campaigns.kept import commit, keep, read_kept
 from campaigns.loop_arm import draw_unknown
 from campaigns.loop_ways import CommandFailedError, Ways
 
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for arm in pool.map(lambda seed: examine(seed, ends), drawn[len(found["arms"]) :].tolist()):
             if arm is None:
                 continue
-            found["arms"].append(arm)
+            found["arms"].append({**arm, "commit": commit()})
             print(loop_page.told(arm), flush=True)
             keep(options.keep, found)
     print(loop_page.tables(found["arms"]))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from campaigns.kept import commits_of
 from campaigns.loop_ways import ENOUGH, MOST, SECONDS
 
 Result = dict[str, Any]
@@ -37,7 +38,8 @@ and the declared model to {most} condition-optimal motions.
 
 def page(invocation: Result, arms: Sequence[Result]) -> str:
     """Return the whole page."""
-    return INTRODUCTION.format(**invocation, seconds=SECONDS, most=MOST) + tables(arms) + "\n"
+    about = {**invocation, "commit": commits_of(invocation, arms)}
+    return INTRODUCTION.format(**about, seconds=SECONDS, most=MOST) + tables(arms) + "\n"
 
 
 def tables(arms: Sequence[Result]) -> str:

@@ -36,7 +36,7 @@ from exam.score import score
 
 import dynid_rs as dyn
 from campaigns import next_page
-from campaigns.kept import keep, read_kept
+from campaigns.kept import commit, keep, read_kept
 from campaigns.next_arm import Arm, Motion, draw_arm
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.excitation import ExcitationLimits
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return sum(case["open"] for case in found["cases"]) >= options.open or time.monotonic() > ends
 
     for case in examined(seeds, options.jobs, enough):
-        found["cases"].append(case)
+        found["cases"].append({**case, "commit": commit()})
         print(_told(case), flush=True)
         keep(options.keep, found)
     print(next_page.tables(found["cases"]))

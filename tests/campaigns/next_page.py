@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from campaigns.kept import commits_of
+
 Result = dict[str, Any]
 
 WAYS = {
@@ -32,7 +34,8 @@ of 20 s within the robot file's positions and the minute's speeds and accelerati
 
 def page(invocation: Result, cases: Sequence[Result]) -> str:
     """Return the whole page."""
-    return INTRODUCTION.format(**invocation) + tables(cases) + "\n\n" + _kinds(cases) + "\n\n" + _said(cases) + "\n"
+    head = INTRODUCTION.format(**{**invocation, "commit": commits_of(invocation, cases)})
+    return head + tables(cases) + "\n\n" + _kinds(cases) + "\n\n" + _said(cases) + "\n"
 
 
 def tables(cases: Sequence[Result]) -> str:

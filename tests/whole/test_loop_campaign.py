@@ -1,11 +1,13 @@
 """`tests/campaigns/loop.py`: the oracle knows what it is told and no more; motions are played as they were planned."""
 
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
-from campaigns import loop_page
+from campaigns import loop, loop_page
 from campaigns.loop_arm import Oracle, draw_unknown, error_of
 from campaigns.loop_ways import SECONDS, Ways, played
 from exam.declared import Band
@@ -67,6 +69,19 @@ def test_a_planned_motion_is_played_as_it_was_planned(arm):
 def step(seconds, error, right=1, false=0, **more):
     told = {"seconds": seconds, "error": error, "worst": error, "right": right, "hidden": 1, "false": false}
     return told | {"ties": 0, "named": []} | more
+
+
+def test_the_page_names_every_commit_that_its_figures_are_of(tmp_path, monkeypatch):
+    """A campaign goes on where it broke off, and the program may be another one by then."""
+    kept, page = tmp_path / "kept.json", tmp_path / "loop.md"
+    steps = [step(20.0, 1.02, wanted=False)]
+    arm = {"seed": 1, "kinds": [], "failure": None, "ways": dict.fromkeys(loop_page.WAYS, steps)}
+    kept.write_text(json.dumps({"invocation": {"seed": 7, "arms": 2, "commit": "before"}, "arms": [arm]}))
+    monkeypatch.setattr(loop, "examine", lambda seed, ends: {**arm, "seed": 2})
+    monkeypatch.setattr(loop, "commit", lambda: "after")
+    loop.main(["--seed", "7", "--arms", "2", "--keep", str(kept), "--page", str(page)])
+    assert "at commit before, after. Arms" in page.read_text(encoding="utf-8")
+    assert [one.get("commit") for one in json.loads(kept.read_text())["arms"]] == [None, "after"]
 
 
 def test_the_page_says_what_was_needed_and_what_was_not_reached():
