@@ -8,12 +8,14 @@ from typing import Any
 
 from campaigns.watch_arm import RATED, STEP, TOLERATED_LOAD, WARM, WELL
 from campaigns.watch_changes import AT, CHANGES, ENDS, LATE, OFFSET, REACH, SLIPPED
+from campaigns.watch_judge import Outcome
 
 BY_HAND = "## Why"
 DAY = 86400.0
 SHARE = 0.95
 FAULTS = ("channel frozen", "channel lost")
 SMALL_LOAD = "load, 5 % of rated"
+STOPPED = "stopped with an error"
 
 Result = dict[str, Any]
 
@@ -86,8 +88,13 @@ def of(results: Sequence[Result], work: str) -> list[Result]:
 
 
 def outcomes_of(results: Sequence[Result], *labels: str) -> list[Result]:
-    """Outcomes of these changes, of all arms."""
-    return [o for one in of(results, "changes") for o in one["outcomes"] if o["label"] in labels]
+    """Outcomes of these changes, of all arms; those that stopped with an error have named none."""
+    found = []
+    for one in results:
+        if one["work"] == "changes":
+            silent = [Outcome(label, one["seed"], "").to_json() | {"motion_kind": STOPPED} for label in CHANGES]
+            found += [o for o in (silent if one["failure"] else one["outcomes"]) if o["label"] in labels]
+    return found
 
 
 def marks_table(results: Sequence[Result]) -> str:
@@ -98,8 +105,7 @@ def marks_table(results: Sequence[Result]) -> str:
         expected, alarms = promised(clean), sum(len(one["alarms"]) for one in clean)
         reached = f"{alarms} in {hours(clean):.2f} h; {expected:.3f} are promised at most, on average"
         rows.append(("false alarms: at most one a day", reached, alarms <= likely(expected)))
-    arms = of(results, "changes")
-    if arms:
+    if arms := of(results, "changes"):
         early, waited = sum(o["early"] for o in outcomes_of(results, *CHANGES)), len(arms) * len(CHANGES) * AT
         reached = f"{early} in {waited / 3600:.2f} h; {waited / DAY:.3f} are promised at most, on average"
         rows.append(("the same before a change begins", reached, early <= likely(waited / DAY)))
@@ -201,7 +207,7 @@ def _clean(results: Sequence[Result]) -> str:
 
 
 def _changes(results: Sequence[Result]) -> str:
-    arms = of(results, "changes")
+    arms = [one for one in results if one["work"] == "changes"]
     if not arms:
         return ""
     rows = []

@@ -141,3 +141,8 @@ def test_an_arm_that_stops_with_an_error_is_counted():
     result = watch.work(("changes", -1, 0))
     assert result["failure"].startswith("ValueError")
     assert "Stopped with an error: 1." in "\n".join(watch_page._identified([result]))
+    clean, changes = quick()
+    marks = watch_page.marks_table([clean, changes, result])
+    assert "| friction +20 % named within 60 s of motion | 1 of 2 | **no** |" in marks
+    page = watch_page.page({"seed": 3, "cycles": 1, "cases": 2, "commit": "-"}, [clean, changes, result], "")
+    assert "* friction +20 %, arm -1, stopped with an error: no name" in page
