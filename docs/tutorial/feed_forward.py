@@ -6,7 +6,8 @@ import dynid_rs as dyn
 
 GAIN = np.array([14.9, 14.9, 12.5, 8.2, 8.2, 8.2])  # N m/A, as in arm.toml
 
-model = dyn.TorqueModel.load("found/model.json")
+# What the drives have to give, not what a torque channel that is late shows of it.
+model = dyn.TorqueModel.load("found/model.json").with_torque_delay(0.0)
 start, end, seconds = np.zeros(6), np.array([0.8, 0.5, -0.6, 0.4, 0.5, 1.0]), 1.2
 
 # From rest to rest along a quintic: position, velocity, acceleration of every millisecond.

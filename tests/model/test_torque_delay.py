@@ -1,6 +1,7 @@
 """A model whose torque channel is late or early: offline, state by state, in the file, and what is refused."""
 
 import json
+import runpy
 
 import numpy as np
 import pytest
@@ -112,6 +113,21 @@ def test_another_step_is_another_number_of_states(model, states):
 def test_what_is_no_delay(model, delay):
     with pytest.raises(ValueError, match=r"torque_delay|NaN or infinite"):
         model.with_torque_delay(delay)
+
+
+@pytest.mark.parametrize("delay", [0.03, -0.03, [0.03, 0.0, 0.01, 0.0, 0.0, 0.0]])
+def test_feed_forward_of_the_tutorial_is_the_torque_of_the_plan_and_not_of_a_channel(
+    tmp_path, monkeypatch, capsys, states, delay
+):
+    robot = _core.RobotModel.from_urdf(bundled_robot())
+    rigid = whole_model(robot, states, None, effects=[])
+    (tmp_path / "found").mkdir()
+    rigid.with_torque_delay(delay).save(tmp_path / "found" / "model.json")
+    monkeypatch.chdir(tmp_path)
+    done = runpy.run_path(str(ROOT / "docs/tutorial/feed_forward.py"))
+    expected, _, _ = rigid.evaluate(done["q"], done["dq"], done["ddq"], step=0.001)
+    np.testing.assert_array_equal(done["total"], expected)
+    assert "current at its largest" in capsys.readouterr().out
 
 
 def test_a_delay_needs_a_step(model):
