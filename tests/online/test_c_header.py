@@ -246,12 +246,13 @@ def test_any_file_name_gives_a_prefix(text):
     assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", c_prefix(text))
 
 
-def test_fast_math_is_refused_by_the_compiler(tmp_path, robot, states):
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-ffast-math -fsigned-zeros"])
+def test_arithmetic_without_nan_is_refused_by_the_compiler(tmp_path, robot, states, flag):
     (tmp_path / "arm.h").write_text(c_header(whole_model(robot, states, None), "arm"))
-    command = ["gcc", "-std=c99", "-ffast-math", "-fsyntax-only", "-x", "c", str(tmp_path / "arm.h")]
+    command = ["gcc", "-std=c99", *flag.split(), "-fsyntax-only", "-x", "c", str(tmp_path / "arm.h")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
-    assert "compile without -ffast-math" in done.stderr
+    assert "compile without -ffast-math and -ffinite-math-only" in done.stderr
 
 
 def test_one_effect_alone_needs_no_other(tmp_path, robot, states):

@@ -99,8 +99,8 @@ fn opening(model: &TorqueModel) -> String {
          dynid_estimator estimator;\n *     dynid_init(&estimator);\n *     every cycle: unsigned status = \
          dynid_estimate(&estimator, &state, tau);\n *\n * An estimator belongs to one thread at a time. Compile without \
          -ffast-math; -ffp-contract=off gives the same bits\n * on every processor whose math.h does.\n */\n\
-         #ifndef DYNID_H\n#define DYNID_H\n\n#include <float.h>\n#include <math.h>\n\n#ifdef __FAST_MATH__\n#error \"NaN and \
-         infinity must be seen here: compile without -ffast-math\"\n#endif",
+         #ifndef DYNID_H\n#define DYNID_H\n\n#include <float.h>\n#include <math.h>\n\n#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)\n#error \"NaN and \
+         infinity must be seen here: compile without -ffast-math and -ffinite-math-only\"\n#endif",
         comment(robot.name()),
         robot.n_joints(),
         comment(model.torque_unit()),
