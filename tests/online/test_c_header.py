@@ -118,6 +118,20 @@ def test_another_step_is_another_warm_up(tmp_path, robot, states):
     assert difference(run(library, states)[1], terms)[k].max() > 1e-3
 
 
+@pytest.mark.parametrize("delays", [0.0123, [0.0123, 0.0, 0.002, 0.0, 0.0056, 0.0], [0.0123, 0.003, *4 * [0.0056]]])
+def test_a_late_torque_channel_at_states_that_come_faster(tmp_path, robot, states, delays):
+    """The rings are as long as the model's own step asks for; a program whose states come faster says how long."""
+    model = whole_model(robot, states, None, seed=7).with_torque_delay(delays)
+    some, step = {name: values[:300] for name, values in states.items()}, 0.001
+    header = c_header(model, "arm")
+    longer = "".join(f"#define ARM_N_{name} 15\n" for name in ("DELAY", "LATE") if f"#ifndef ARM_N_{name}" in header)
+    _, terms, status = model.evaluate(**some, step=step)
+    library = compiled(tmp_path, longer + header)
+    assert difference(run(library, some, step)[1], terms).max() <= OF_THE_SIZE
+    np.testing.assert_array_equal(run(library, some, step)[3], status)
+    assert np.all(run(compiled(tmp_path, header), some, step)[3] & 512), "too short a ring is said in every step"
+
+
 def test_an_effect_too_much_or_too_little_would_be_seen(tmp_path, robot, states):
     """The comparison bites: every effect's size, changed by 1e-9 in C alone, is off by more than is allowed."""
     model = whole_model(robot, states, None, seed=7)

@@ -153,7 +153,7 @@ fn sizes(model: &TorqueModel) -> String {
     format!(
         "#define DYNID_N_JOINTS {}\n#define DYNID_N_TERMS {}\n#define DYNID_N_MEMORY {}\n#define DYNID_STEP {} /* between \
          states [s]; 0 where nothing depends on it */\n#define DYNID_ENCODER_ERROR {encoder_error}\n#define DYNID_TORQUE_DELAY {} /* of all torque \
-         channels behind the encoders [s]{} */\n#define DYNID_N_DELAY {}\n#define DYNID_N_LATE {}",
+         channels behind the encoders [s]{} */\n{}\n{}",
         model.robot().n_joints(),
         model.n_terms(),
         n_memory(model),
@@ -164,8 +164,20 @@ fn sizes(model: &TorqueModel) -> String {
         } else {
             ""
         },
-        n_delay(model),
-        n_late(model),
+        ring("DELAY", n_delay(model)),
+        ring("LATE", n_late(model)),
+    )
+}
+
+/// How many rows a ring has; a program whose states come faster than the model's step says needs more of them.
+fn ring(name: &str, n_rows: usize) -> String {
+    let size = format!("#define DYNID_N_{name} {n_rows}");
+    if n_rows == 0 {
+        return size;
+    }
+    format!(
+        "/* Rows of a ring. Where states come faster than DYNID_STEP, define more before: the longest delay over the step, \
+         rounded\n * up, and two. With too few DYNID_SETTLING never ends. */\n#ifndef DYNID_N_{name}\n{size}\n#endif"
     )
 }
 
