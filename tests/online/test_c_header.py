@@ -188,8 +188,21 @@ def test_an_early_torque_channel_is_left_as_it_is(tmp_path, robot, states):
     """No state is known before it comes: the torque is that of the state, and the header says so."""
     plain = whole_model(robot, states, None, seed=7)
     header = c_header(plain.with_torque_delay(-0.01), "arm")
-    assert "early: torques there are those of the state" in header
+    assert "early: joint_1 by 0.01 s, joint_2 by 0.01 s" in header
+    assert f"#define ARM_TORQUE_DELAY {(-0.01).hex()} " in header
     assert_same(plain, compiled(tmp_path, header), states)
+
+
+def test_one_channel_that_is_early_is_told_by_its_joint(tmp_path, robot, states):
+    """It was told of all torque channels, those that are late among them."""
+    delays = [-0.01, 0.0123, 0.0, 0.0, 0.0, 0.0]
+    plain = whole_model(robot, states, None, seed=7)
+    header = c_header(plain.with_torque_delay(delays), "arm")
+    (line,) = (line for line in header.splitlines() if line.startswith("#define ARM_TORQUE_DELAY "))
+    assert line.split()[2] == "0x0p+0"
+    assert line.endswith("[s]; early: joint_1 by 0.01 s; torques there are those of the state */")
+    library = compiled(tmp_path, header)
+    assert_same(plain.with_torque_delay(np.maximum(delays, 0.0)), library, states)
 
 
 def test_states_beyond_the_limits(tmp_path, robot, states):

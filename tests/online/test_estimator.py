@@ -7,6 +7,7 @@ import pytest
 from helpers import online_answers
 from helpers.online_answers import States, assert_same_bits, csv_text, from_csv, from_json, json_text, run
 from helpers.robots import random_chain
+from helpers.whole_model import recorded_states, whole_model
 
 from dynid_rs import _core
 from dynid_rs.simulation import bundled_robot
@@ -213,3 +214,31 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
             [estimator, path, *options], input=csv_text(timed), capture_output=True, text=True, timeout=240, check=True
         )
         assert ("give --step" in done.stderr) == said
+
+
+@pytest.mark.parametrize(
+    ("delays", "note", "info"),
+    [
+        (-0.0033, "early (3.3 ms)", "-3.3 ms"),
+        (
+            [-0.0033, 0.0123, 0.0, -0.0041, 0.0, 0.0],
+            "early (joint_1 3.3 ms, joint_4 4.1 ms)",
+            "joint_1 -3.3 ms, joint_2 12.3 ms, joint_4 -4.1 ms",
+        ),
+    ],
+)
+def test_a_channel_that_is_early_is_told_by_its_joint(estimator, tmp_path, delays, note, info):
+    """Of one early joint it was said that the channel is, also of those that are late; 4.1 ms had 17 digits."""
+    robot, rng = ROBOTS["six_axis"](), np.random.default_rng(0)
+    model = whole_model(
+        robot, recorded_states(), None, effects=[(_core.Effect.torque_offset(), rng.normal(size=(6, 1)))]
+    )
+    path = tmp_path / "model.json"
+    model.with_torque_delay(delays).save(path)
+    text = csv_text(random_states(6, (*LINK_SIDE, *MOTOR_SIDE), seed=0))
+    done = subprocess.run([estimator, path], input=text, capture_output=True, text=True, check=True)
+    assert (
+        f"the model's torque channel is {note}, and no state is known before it comes: its answers are" in done.stderr
+    )
+    done = subprocess.run([estimator, path, "--info"], capture_output=True, text=True, check=True)
+    assert f"torque delay  {info}" in done.stdout

@@ -61,23 +61,37 @@ fn signals(residual: &Residual) -> Option<Vec<Vec<(&'static str, usize)>>> {
     Some(joints.map(of_joint).collect())
 }
 
+/// Delays in ms: one number where all joints have the same, else those that are `told`, by name.
+fn delays(model: &TorqueModel, told: impl Fn(f64) -> bool, sign: f64) -> String {
+    let delays = model.torque_delay();
+    let ms = |delay: f64| format!("{} ms", short(sign * 1e3 * delay));
+    if let [first, others @ ..] = delays {
+        if others.iter().all(|delay| delay == first) {
+            return ms(*first);
+        }
+    }
+    let joints = model.robot().joints().iter().zip(delays);
+    let joints: Vec<String> = joints
+        .filter(|(_, delay)| told(**delay))
+        .map(|(joint, delay)| format!("{} {}", joint.name, ms(*delay)))
+        .collect();
+    joints.join(", ")
+}
+
 /// How late the torque channels are, and what that makes of the answers.
 fn torque_delay(model: &TorqueModel) -> String {
-    let delays = model.torque_delay();
-    let joints = model.robot().joints().iter().zip(delays);
-    let late: Vec<String> = joints
-        .filter(|(_, delay)| **delay != 0.0)
-        .map(|(joint, delay)| format!("{} {} ms", joint.name, 1e3 * delay))
-        .collect();
-    let all = delays
-        .first()
-        .filter(|first| delays.iter().all(|delay| delay == *first));
-    let said = all.map_or_else(|| late.join(", "), |delay| format!("{} ms", 1e3 * delay));
-    if delays.iter().all(|delay| *delay >= 0.0) {
+    let said = delays(model, |delay| delay != 0.0, 1.0);
+    if model.torque_delay().iter().all(|delay| *delay >= 0.0) {
         format!("{said}: answers are what the channel shows, the torque of the state of then")
     } else {
         format!("{said}: answers of an early channel are the torque of the state, which it showed before")
     }
+}
+
+/// Which torque channels are early, and by how much; none where none is.
+pub fn early_channels(model: &TorqueModel) -> Option<String> {
+    let any = model.torque_delay().iter().any(|delay| *delay < 0.0);
+    any.then(|| delays(model, |delay| delay < 0.0, -1.0))
 }
 
 /// How positions that come alone would be differentiated: window, time between samples, delay.

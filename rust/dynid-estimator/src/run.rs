@@ -10,6 +10,7 @@ use crate::args::Format;
 use crate::changes::Outbox;
 use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, Present, TEMPERATURE, TORQUE};
+use crate::info::early_channels;
 use crate::input::{Lines, Parser};
 use crate::output::Writer;
 use crate::pace::Pace;
@@ -193,13 +194,11 @@ impl Clock {
 pub fn note_what_is_missing(model: &TorqueModel, frame: &Frame, cycle: &Cycle) {
     let present = frame.present();
     note_a_missing_encoder(model, present);
-    let earliest = model.torque_delay().iter().copied().fold(0.0, f64::min);
-    if earliest < 0.0 {
+    if let Some(early) = early_channels(model) {
         tell(
             "note",
             &format!(
-                "the model's torque channel is early by {} ms, and no state is known before it comes: answers are the torque of the state, not what the channel shows at its time",
-                -1e3 * earliest
+                "the model's torque channel is early ({early}), and no state is known before it comes: its answers are the torque of the state, not what it shows at that time"
             ),
         );
     }

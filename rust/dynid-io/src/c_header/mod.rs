@@ -149,7 +149,14 @@ fn sizes(model: &TorqueModel) -> String {
     };
     let delays = model.torque_delay();
     let (shared, _) = shared_and_own(delays, 0.0);
-    let earliest = delays.iter().copied().fold(f64::INFINITY, f64::min);
+    let all_early = delays
+        .first()
+        .filter(|first| **first < 0.0 && delays.iter().all(|delay| delay == *first));
+    let joints = model.robot().joints().iter().zip(delays);
+    let early = joints.filter(|(_, delay)| **delay < 0.0);
+    let early: Vec<String> = early
+        .map(|(joint, delay)| format!("{} by {} s", comment(&joint.name), -delay))
+        .collect();
     format!(
         "#define DYNID_N_JOINTS {}\n#define DYNID_N_TERMS {}\n#define DYNID_N_MEMORY {}\n#define DYNID_STEP {} /* between \
          states [s]; 0 where nothing depends on it */\n#define DYNID_ENCODER_ERROR {encoder_error}\n#define DYNID_TORQUE_DELAY {} /* of all torque \
@@ -158,11 +165,11 @@ fn sizes(model: &TorqueModel) -> String {
         model.n_terms(),
         n_memory(model),
         number(model.step().unwrap_or(0.0)),
-        number(if earliest < 0.0 { earliest } else { shared }),
-        if earliest < 0.0 {
-            ", early: torques there are those of the state"
+        number(all_early.copied().unwrap_or(shared)),
+        if early.is_empty() {
+            String::new()
         } else {
-            ""
+            format!("; early: {}; torques there are those of the state", early.join(", "))
         },
         ring("DELAY", n_delay(model)),
         ring("LATE", n_late(model)),
