@@ -31,7 +31,7 @@ CODES: Mapping[str, Code] = {
     ),
     "jitter": Code(
         "stamps that are not those of the samples",
-        "95th percentile of the steps' deviation",
+        "95th percentile of the steps' deviation, or a long step that short ones make up for",
         "stamp samples where they are taken, or number them evenly",
     ),
     "run_twice": Code("samples that another run has too", "equal rows, to the last bit", "name the run once"),

@@ -16,9 +16,8 @@ from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.base.units import angle_units, torque_of, torques_said
 from dynid_rs.commands._console import console
 from dynid_rs.commands._inspection import Inspection, joint_velocity
-from dynid_rs.runs.checks import relative_jitter
+from dynid_rs.runs.checks import gaps, relative_jitter
 from dynid_rs.runs.readers import Run
-from dynid_rs.runs.recording import gaps
 
 if TYPE_CHECKING:
     from rich.console import Console

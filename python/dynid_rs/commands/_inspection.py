@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
-from dynid_rs.runs.checks import check_recording, is_damage, refused_sources, relative_jitter, severity_order
+from dynid_rs.runs.checks import check_recording, gaps, is_damage, refused_sources, relative_jitter, severity_order
 from dynid_rs.runs.checks.beside import beside_each_other
 from dynid_rs.runs.readers import Config, Run, read_run
 from dynid_rs.runs.readers.file_words import in_file_words
-from dynid_rs.runs.recording import Recording, gaps
+from dynid_rs.runs.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,6 @@ FloatArray = NDArray[np.float64]
 Delay = float | FloatArray
 """How late torque channels are [s]: one number for all joints, or (n_joints,)."""
 
-GAP_STEPS = 2.5
-"""A step of more than this many median steps is a gap: samples were lost, interpolation bridges it."""
-
 _MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature")
 _REQUIRED = ("q", "tau")
 
@@ -383,9 +380,3 @@ def _as_floats(values: ArrayLike, name: str) -> FloatArray:
         return np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, got {kind}") from None
-
-
-def gaps(recording: Recording) -> Sequence[tuple[int, float]]:
-    """Short gaps in time: (0-based row after the gap, length in median steps) each."""
-    steps = np.diff(recording.t) / recording.median_step
-    return [(int(row) + 1, float(steps[row])) for row in np.flatnonzero(steps > GAP_STEPS)]

@@ -87,6 +87,16 @@ def jitter(a):
         a[name] = None
 
 
+def late(first, stop):
+    """Rows from `first` that a program came to only at the time of row `stop`: stamped then, 10 us apart."""
+
+    def change(a):
+        a["t"] = a["t"].copy()
+        a["t"][first:stop] = a["t"][stop] - 1e-5 * np.arange(stop - first, 0, -1)
+
+    return change
+
+
 def slow(a):
     for name, values in a.items():
         a[name] = values[::3]
@@ -181,6 +191,8 @@ CASES = {
     "too_fast": (stretch_time(1e-4), "sampling_rate", "error", "t", "not seconds"),
     "slow_rate": (slow, "sampling_rate", "warning", "t", "slow for identification"),
     "jitter": (jitter, "jitter", "warning", "t", "of the usual step"),
+    "late": (late(600, 605), "jitter", "warning", "t", r"once a row is late .* \(by up to (49.9|50) ms, at row 601\): .* times of arrival"),
+    "late_at_the_start": (late(0, 5), "jitter", "warning", "t", r"once a row is late .* \(by up to (49.9|50) ms, at row 1\): .* times of arrival"),
     "gap": (gap, "gap", "warning", "t", r"1 gap of more than 2.5 median steps, the longest 60 ms before row 601"),
     "never_moves": (still(1), "joint_never_moves", "warning", "q_1", "joint 1 never moves"),
     "dead_torque": (spoil("tau", 0, 0.0), "stuck", "error", "tau_0", "0 N.m in every row"),
@@ -288,6 +300,11 @@ def test_motor_velocity_is_compared_with_the_motor():
     rec = Recording(**arrays, dq_motor=-arrays["dq"])
     assert refused_sources(check_recording(rec)) == ("dq_motor",)
     assert check_recording(Recording(**arrays, dq_motor=arrays["dq"])) == []
+
+
+def test_rows_that_are_stamped_late_are_no_gap():
+    """No sample is missing there, and what interpolates between such stamps is a speed that the arm never had."""
+    assert "gap" not in [f.code for f in check(late(600, 605))]
 
 
 def test_small_jitter_is_information():

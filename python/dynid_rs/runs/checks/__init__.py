@@ -13,7 +13,7 @@ from dynid_rs.runs.checks.excitation import check_excitation
 from dynid_rs.runs.checks.limits import Limited, check_limits, check_magnitudes
 from dynid_rs.runs.checks.motion import moving_joints, with_lines
 from dynid_rs.runs.checks.spikes import check_spikes
-from dynid_rs.runs.checks.timing import check_timing, relative_jitter
+from dynid_rs.runs.checks.timing import check_timing, gaps, relative_jitter
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.recording import OptionalSignal, Recording
 
@@ -21,6 +21,7 @@ __all__ = [
     "check_recording",
     "contradicting_signals",
     "contradictions",
+    "gaps",
     "is_damage",
     "moving_joints",
     "refused_sources",
