@@ -6,12 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.diagnosed import ROBOT, errors, found_in, names, recorded, rigid, with_effects
+from helpers.diagnosed import ROBOT, errors, found_in, measured, names, recorded, rigid, with_effects
 from helpers.nameless import Nameless
 
+from dynid_rs.base.wording import kinds_said
 from dynid_rs.diagnosis.belief import Belief, Named
+from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.misfit import _parts_of, ended
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shaped import Shaped
 from dynid_rs.diagnosis.unexplained import stood_in
 from dynid_rs.diagnosis.waves import of_signal
 from dynid_rs.model.placed import PlacedEffect
@@ -147,3 +150,19 @@ def test_a_cable_that_is_drawn_tight_is_no_cylinder(size):
     assert {kind for kind, _ in names(found)} <= {"unknown"}
     before, after = errors(found, runs[2:])
     assert np.all(after <= NO_HARM * before)
+
+
+def test_what_has_no_name_has_no_other_one_either():
+    """Where a law's size may be none, or any function does better, so it is with what explains no more than the law."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("joint_spring:elbow:2", n_runs=2))
+    springs = [Shaped("joint_spring", (j,), (("rest_position", 0.0),)) for j in (1, 2)]
+    there, not_there = (("joint_spring", (j,)) for j in (1, 2))
+    ties = [((("counterbalance", (j,)), -1.0),) for j in (1, 2)]
+    hypotheses = belief.catalogue.of(springs)
+    belief.accept([Named(h, 20.0, ties=tied) for h, tied in zip(hypotheses, ties, strict=True)])
+    entries = {tuple(entry["joints"]): entry for entry in effect_entries(belief, (), {})}
+    assert kinds_said(entries["elbow",]) == ["joint_spring", "counterbalance"]
+    assert (entries["wrist",]["kind"], kinds_said(entries["wrist",])) == ("unknown", [])
+    assert not_there in belief.named
+    refuted = effect_entries(belief, (), {there: of_signal(("q", 1))})
+    assert [kinds_said(entry) for entry in refuted] == [[], []]

@@ -62,16 +62,20 @@ def effect_entries(
             )
         elif (plot := structure_plot(found, place, known[place], errors.model, errors.x)) is not None:
             entry["plot"] = plot
-        if named.another_function is not None and effect in sized:
+        another_function = named.another_function if effect in sized else None
+        if another_function is not None:
             entry |= {"kind": "unknown", "told_as": kind}
-            entry["ties"].append(_tie((ANOTHER_FUNCTION, joints), named.another_function, named, names))
+            entry["ties"].append(_tie((ANOTHER_FUNCTION, joints), another_function, named, names))
+        may_be_none = effect is not None and effect not in sized  # it predicts, but its size may be none
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
-        elif is_one_or_another(place, named):
-            entry |= {"kind": "unknown", "told_as": kind}
-        elif effect is not None and effect not in sized:  # it predicts, but its size may be none
+        elif may_be_none:
             signal = CATALOGUE[kind]["signals"][0]
             entry |= untold(kind, Argument(tuple((1.0, (signal, j)) for j in joints)), names)
+        elif is_one_or_another(place, named):
+            entry |= {"kind": "unknown", "told_as": kind}
+        if may_be_none or (place in nameless and another_function is None):
+            entry["ties"] = []  # where a name does not hold, what explains no more than it does is none either
         entries.append(entry)
     return entries
 
