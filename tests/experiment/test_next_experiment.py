@@ -107,6 +107,28 @@ def test_along_the_runs_themselves_rows_say_what_they_said(found, asked):
     assert_allclose(np.diag(declared)[base][strong], np.diag(asked.known)[base][strong], **SAME_COLUMNS)
 
 
+def test_after_a_friction_that_follows_the_temperature_a_motion_is_as_warm_as_friction_is_declared_at():
+    """No motion of seconds tells what follows a temperature, and all else is asked beside it."""
+    asked = found_in(measured("thermal_drift", duration=40.0, rate=50.0)).asked
+    assert "temperature_friction" in {kind for (kind, _), _ in asked.named}
+    t = np.arange(0.0, 5.0, 1.0 / Along(asked, ()).rate)[:, None] * np.array([1.0, 1.1, 1.2])
+    told = Along(asked, ()).information((np.sin(t), np.cos(t), -np.sin(t))).declared
+    warm = [
+        at for e, at in zip(asked.plan.effects, _places(asked.plan), strict=True) if e.kind == "temperature_friction"
+    ]
+    assert np.diag(told).max() > 0.0
+    assert np.all(told[np.concatenate(warm)] == 0.0)
+
+
+def _places(plan):
+    """Where the coefficients of every effect stand among the declared unknowns, all joints one after the other."""
+    width, first = plan.n_own, 0
+    for effect in plan.effects:
+        own = np.arange(first, first + effect.n_columns)
+        yield np.concatenate([plan.n_base + j * width + own for j in range(plan.robot.n_joints)])
+        first += effect.n_columns
+
+
 def test_chances_are_those_of_two_gaussians(asked):
     """One coefficient that rows tell directly: the log odds are normal with mean and variance in closed form."""
     k = next(k for k in range(len(asked.candidates)) if len(asked.at(k)) == 1)

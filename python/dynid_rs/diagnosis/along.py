@@ -25,6 +25,7 @@ from dynid_rs.diagnosis.waves import UNKNOWN
 from dynid_rs.identification.loads import with_load
 from dynid_rs.identification.smooth_friction import shape_slopes
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.assembly import declared_temperature
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.columns import observe
 from dynid_rs.regression.linear_model import Columns
@@ -165,7 +166,10 @@ class Along:
         return rows * units
 
     def _fit(self, motion: Motion) -> ThreeLoopIdentifier:
-        """A fit with the coefficients of the diagnosis and this motion as its only run."""
+        """A fit with the coefficients of the diagnosis and this motion as its only run.
+
+        It is as warm as friction is declared at: a motion of seconds says nothing of what follows a temperature.
+        """
         asked = self.asked
         q, dq, ddq = (np.ascontiguousarray(x) for x in motion)
         band = Band(asked.cutoff)
@@ -185,6 +189,7 @@ class Along:
             moving=moving,
             resting=resting,
             two_encoders=False,
+            temperature=declared_temperature(asked.plan.effects, q),
         )
         states = with_load(asked.plan, self._links, asked.links.own_)(states)
         fit = ThreeLoopIdentifier(asked.setup.robot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -158,9 +158,9 @@ def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, Floa
     return total[first:], terms[first:], status[first:]
 
 
-def declared_temperature(model: _core.TorqueModel, q: FloatArray) -> FloatArray | None:
-    """The temperature (n, n_joints) that friction is declared at, where it follows one."""
-    for effect, _ in model.effects:
+def declared_temperature(effects: Iterable[_core.Effect], q: FloatArray) -> FloatArray | None:
+    """The temperature (n, n_joints) that friction is declared at, where one of the effects follows it."""
+    for effect in effects:
         if "temperature" in effect.signals:
             reference: FloatArray = np.broadcast_to(np.asarray(dict(effect.shape)["reference_temperature"]), q.shape)
             return reference.copy()

@@ -90,7 +90,7 @@ def friction_curves(model: _core.TorqueModel, joint: int, terms: Sequence[int]) 
     dq[:, joint] = np.tile(speed, N_POSES)
     q_motor[:, joint] += np.tile(way, N_POSES)
     still, zero = model.with_torque_delay(0.0), np.zeros_like(q)
-    step, temperature = model.step or 1e-3, declared_temperature(model, q)
+    step, temperature = model.step or 1e-3, declared_temperature([effect for effect, _ in model.effects], q)
     _, parts, _ = still.evaluate(q, dq, zero, q_motor, dq, zero, step=step, temperature=temperature)
     torque: FloatArray = parts[:, [1 + k for k in terms], joint].sum(axis=1)  # the first term is the rigid body
     order = np.argsort(speed[told])

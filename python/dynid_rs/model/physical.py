@@ -299,7 +299,7 @@ def _friction_on_the_way(model: _core.TorqueModel, j: int, speed: FloatArray, pl
     q, dq = np.tile(np.mean(model.domain[0], axis=1), (n_states, 1)), np.zeros((n_states, n))
     q[:, j] += np.sign(speed[0]) * WAY * (np.arange(n_states) / N_STEPS - 1)
     dq[:, j] = np.concatenate([np.full(N_STEPS, speed[0]), speed])
-    still, temperature = model.with_torque_delay(0.0), declared_temperature(model, q)
+    still, temperature = model.with_torque_delay(0.0), declared_temperature([effect for effect, _ in model.effects], q)
     terms = still.evaluate(q, dq, np.zeros_like(dq), temperature=temperature)[1]
     friction: FloatArray = terms[N_STEPS:, places, j].sum(axis=1)
     return friction
