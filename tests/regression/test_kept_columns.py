@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.waves import of_signal, waves
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import declared_plan
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, smooth
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression import kept_columns
 from dynid_rs.regression.columns import run_rows
@@ -179,3 +180,20 @@ def test_an_effect_is_built_on_the_joints_that_it_acts_on(states, built):
         assert_array_equal(some, same)
         assert_array_equal(some[:, at], every[:, at] * (j == 2))
         assert_array_equal(np.delete(some, at, axis=1), np.delete(every, at, axis=1))
+
+
+def test_a_fit_builds_the_links_columns_of_a_motion_once(built):
+    runs = [MadeRun(seed, duration=6.0, rate=200.0).read()[0] for seed in (0, 1)]
+    ThreeLoopIdentifier(arm(), residual=None).fit(runs)
+    # As it was recorded, and less its encoders' delay.
+    assert sum(links for _, links in built) == 2 * len(runs) < len(built)
+
+
+def test_what_is_kept_inside_is_kept_outside(states, built):
+    plan = declared_plan(arm(), friction())
+    with keeping_columns():
+        for _ in range(2):
+            with keeping_columns():
+                run_rows(plan, states, states.tau)
+        run_rows(plan, states, states.tau)
+    assert [links for _, links in built] == [True, False, False]
