@@ -13,7 +13,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import torques_said, torques_told
 from dynid_rs.base.wording import NO_INTERVAL, against_reference, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console
-from dynid_rs.commands._identify_view import with_file
+from dynid_rs.commands._identify_view import finding_lines
 from dynid_rs.diagnosis.wording import effect_words, tie_words, unexplained_words
 from dynid_rs.report import REPORT_FILE
 
@@ -33,9 +33,9 @@ def show(result: dict[str, Any], directory: Path) -> None:
         out.print(Text(unexplained_words(entry)))
     for sentence in result["next_experiment"]:
         out.print(Text(f"next: {sentence}"), soft_wrap=True)
-    for finding in result["data"]["findings"]:
-        if finding["severity"] != "info" or finding["code"] == "signal_missing":
-            out.print(Text(f"{finding['severity']}: {with_file(finding)}"))
+    findings = result["data"]["findings"]
+    for line in finding_lines(one for one in findings if one["severity"] != "info" or one["code"] == "signal_missing"):
+        out.print(Text(line))
     out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
 
 

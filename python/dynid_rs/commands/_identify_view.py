@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
+from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.numbers import interval, percent, significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import torques_said, torques_told
@@ -49,9 +51,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
         out.print(f"Link encoders come late by {_milliseconds(delay)} ms (removed first).")
     for entry in result["known"]:
         out.print(Text(_known(entry, result)))
-    for finding in result["data"]["findings"]:
-        if finding["severity"] != "info":
-            out.print(Text(f"{finding['severity']}: {with_file(finding)}"))
+    for line in finding_lines(finding for finding in result["data"]["findings"] if finding["severity"] != "info"):
+        out.print(Text(line))
     out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
 
 
@@ -77,10 +78,16 @@ def _known(entry: dict[str, Any], result: dict[str, Any]) -> str:
     return f"{text}{_with_share(alone['with'], std)} with it, {_with_share(alone['without'], std)} without it."
 
 
-def with_file(finding: dict[str, Any]) -> str:
-    """Return the message, with the file where the message does not name it."""
-    file, message = finding.get("file"), finding["message"]
-    return message if file is None or file in message else f"{shown(file)}: {message}"
+def finding_lines(findings: Iterable[dict[str, Any]]) -> list[str]:
+    """Findings of a result for the terminal, one line of every kind, with the file where the sentence names none."""
+    told = told_once(
+        Finding(one["code"], one["severity"], one["message"], one.get("file"), one.get("column")) for one in findings
+    )
+    files = (None if one.file is None or one.file in one.message else one.file for one, _ in told)
+    return [
+        f"{one.severity}: {text if file is None else f'{shown(file)}: {text}'}"
+        for (one, text), file in zip(told, files, strict=True)
+    ]
 
 
 def _with_share(error: float | None, std: float) -> str:
