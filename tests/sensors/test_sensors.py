@@ -203,6 +203,19 @@ def test_a_file_of_equal_links_tells_no_unit():
     assert channel_findings(arm, states(runs(duration=8.0)[1][:3])) == []
 
 
+@pytest.mark.parametrize("link", ["upper_arm", "elbow", "forearm"])
+def test_a_robot_file_that_leaves_out_one_link(link):
+    """What is told of its moments of inertia beside those of the next one is known all but exactly."""
+    text = Path(bundled_robot()).read_text(encoding="utf-8")
+    left_out = re.sub(rf'(<link name="{link}">.*?)<inertial>.*?</inertial>', r"\1", text, count=1, flags=re.S)
+    arm, recordings = dyn.RobotModel.from_urdf_string(left_out), runs(duration=8.0)[1][:3]
+    assert declares_inertia(arm)
+    assert np.count_nonzero(arm.phi.reshape(6, 10).any(axis=1)) == 5
+    assert channel_findings(arm, states(recordings)) == []
+    findings = channel_findings(arm, states(changed(recordings, tau=(SWAPPED, 1.0))))
+    assert [finding.code for finding in findings] == ["torque_swapped"]
+
+
 def test_torque_on_the_motor_side_names_the_gears_and_every_flipped_joint_is_named():
     recordings = runs(duration=8.0)[1][:3]
     (finding,) = channel_findings(robot(), states(changed(recordings, tau=(ORDER, 1 / robot().gear_ratio))))

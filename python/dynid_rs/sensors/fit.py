@@ -37,10 +37,13 @@ N_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class ArmPrior:
-    """Mean (n,) and precision (n, n) of what is fitted of the links; `std` (10 n_links,) of their own numbers."""
+    """What is fitted of the links is `mean + root z`, z of variance one: no root is too thin, as an inverse would be.
+
+    `mean` (n,), `root` (n, n); `std` (10 n_links,) of the links' own numbers.
+    """
 
     mean: FloatArray
-    precision: FloatArray
+    root: FloatArray
     std: FloatArray
     arm: Arm
 
@@ -50,20 +53,20 @@ class ArmPrior:
         phi = np.asarray(arm.robot.phi, dtype=np.float64)
         declared = declares_inertia(arm.robot)
         std = np.concatenate([_spread(link, declared=declared) for link in phi.reshape(-1, 10)])
-        return ArmPrior(arm.regroup @ phi if declared else np.zeros(len(arm.pivots)), _precision(arm, std), std, arm)
+        return ArmPrior(arm.regroup @ phi if declared else np.zeros(len(arm.pivots)), _root(arm, std), std, arm)
 
     def with_body(self) -> ArmPrior:
         """The prior with a body on the last link, which may weigh a tenth of the arm or take as much off it."""
         n, body = len(self.mean), self._body()
-        precision = np.zeros((n + len(body), n + len(body)))
-        precision[:n, :n], precision[n:, n:] = self.precision, np.diag(body**-2.0)
-        return replace(self, mean=np.concatenate([self.mean, np.zeros_like(body)]), precision=precision)
+        root = np.zeros((n + len(body), n + len(body)))
+        root[:n, :n], root[n:, n:] = self.root, np.diag(body)
+        return replace(self, mean=np.concatenate([self.mean, np.zeros_like(body)]), root=root)
 
     def carrying(self) -> ArmPrior:
         """The prior of an arm whose last link may hold such a body all the time, with room for another one."""
         std, body = self.std.copy(), self._body()
         std[-10:] = np.hypot(std[-10:], body)
-        return replace(self, precision=_precision(self.arm, std)).with_body()
+        return replace(self, root=_root(self.arm, std)).with_body()
 
     def _body(self) -> FloatArray:
         links = self.std.reshape(-1, 10)
@@ -73,13 +76,10 @@ class ArmPrior:
         return body
 
 
-def _precision(arm: Arm, std: FloatArray) -> FloatArray:
-    """Precision of the base parameters of links whose numbers are known to `std` (10 n_links,), independently."""
-    root = arm.regroup * std
-    scale = np.sqrt(np.sum(root**2, axis=1))
-    root /= scale[:, None]
-    precision: FloatArray = np.linalg.inv(root @ root.T) / np.outer(scale, scale)
-    return precision
+def _root(arm: Arm, std: FloatArray) -> FloatArray:
+    """Root of the covariance of base parameters of links whose numbers are known to `std` (10 n_links,), each apart."""
+    _, R = np.linalg.qr((arm.regroup * std).T)
+    return R.T
 
 
 def _spread(link: FloatArray, *, declared: bool) -> FloatArray:
@@ -134,7 +134,7 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
     n_tried, n_own = len(tried), columns.shape[2] - n_links
     total = n_links + n_own * n
     diagonal = np.arange(total)
-    precision = np.zeros((n_tried, total))
+    precision = np.ones((n_tried, total))
     # What friction, offset and rotor may be: as large as the torque.
     squares = np.diagonal(columns, axis1=2, axis2=3)[:, :, n_links:]
     norms = np.sqrt(np.maximum(squares / count[:, :, None], 1e-300))
@@ -144,16 +144,18 @@ def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArr
     variance = 0.01 * size**2
     for _ in range(N_ROUNDS):
         H, b = _weighted(columns, cross, 1 / variance / MEMORY, n_links)
+        b -= H[:, :, :n_links] @ prior.mean
+        b[:, :n_links] = b[:, :n_links] @ prior.root
+        H[:, :, :n_links] = H[:, :, :n_links] @ prior.root
+        H[:, :n_links] = prior.root.T @ H[:, :n_links]
         H[:, diagonal, diagonal] += precision
-        H[:, :n_links, :n_links] += prior.precision
-        b[:, :n_links] += prior.precision @ prior.mean
-        x = _bounded(H, b, bounded)
+        z = _bounded(H, b, bounded)
+        x = np.concatenate([prior.mean + z[:, :n_links] @ prior.root.T, z[:, n_links:]], axis=1)
         at = np.empty((n_tried, n, n_links + n_own))
         at[:, :, :n_links], at[:, :, n_links:] = x[:, None, :n_links], x[:, n_links:].reshape(n_tried, n, n_own)
         left = _left(columns, cross, power, at)
         variance = np.maximum(left / count, floor)
-    away = x[:, :n_links] - prior.mean
-    price = np.sum(precision * x**2, axis=1) + np.sum(away @ prior.precision * away, axis=1)
+    price = np.sum(precision * z**2, axis=1)
     log = -0.5 * np.sum(count / MEMORY * np.log(variance), axis=1) - 0.5 * price
     per_run = np.empty(counts.shape)
     for k in range(counts.shape[1]):  # one after the other: together they would be all that there is in memory
