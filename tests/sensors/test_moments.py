@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.diagnosed import SIX_AXES, rigid
 
+from dynid_rs import RobotModel
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.runs.preprocessing import choose_band, common_rate
 from dynid_rs.sensors.arm import Arm
@@ -40,6 +41,28 @@ def test_moments_under_a_gravity_are_those_of_columns_made_under_it(bench, gravi
     for found, rows in zip(turned.moments, bench.rows, strict=True):
         assert_near(found, Moments.of(bench.arm.with_gravity(np.array(gravity)), rows))
     assert list(turned.robot.gravity) == list(gravity)
+
+
+@pytest.mark.parametrize("axis", ["0 0 1", "1 1 1", "1 2 3", "4 5 7"])
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+def test_base_parameters_are_those_under_any_gravity_whatever_the_axes(kind, axis):
+    """An axis of 4 5 7 was along the gravity that they were looked for under: half of the torque was not theirs."""
+    link = (
+        '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+        "</inertial></link>"
+    )
+    joint = (
+        '<joint name="j_{1}" type="{2}"><parent link="{0}"/><child link="{1}"/><origin xyz="0.3 0 0"/>'
+        '<axis xyz="{3}"/><limit lower="-1" upper="1" effort="10" velocity="1"/></joint>'
+    )
+    links = "".join(link.format(name) for name in "abc")
+    joints = joint.format("a", "b", kind, axis) + joint.format("b", "c", "revolute", axis)
+    arm = Arm.of(RobotModel.from_urdf_string(f'<robot name="r">{links}{joints}</robot>'))
+    states = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 50, 2))
+    for gravity in ((0.0, 0.0, -9.81), (3.0, -9.0, 1.5), (0.0, 0.0, 0.0)):
+        turned = arm.with_gravity(np.array(gravity))
+        whole = turned.robot.joint_torque_regressor(*states)
+        np.testing.assert_allclose(turned.regressor(*states) @ arm.regroup, whole, rtol=0, atol=1e-12 * whole.max())
 
 
 def test_another_mounting_is_found_to_the_grain_of_the_search(bench):

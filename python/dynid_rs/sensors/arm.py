@@ -11,8 +11,9 @@ from dynid_rs import _core
 
 FloatArray = NDArray[np.float64]
 
-ASLANT = (4.0, 5.0, 7.0)
-"""Gravity along no joint's axis: what torques tell apart under some gravity, they do under this one."""
+ASLANT = (17**0.5, 29**0.5, 47**0.5)
+"""Gravity along no joint's axis, as no file writes such a one: what torques tell apart under some gravity, they do
+under this one."""
 
 
 @dataclass(frozen=True, eq=False)
