@@ -7,10 +7,10 @@ static inline void dynid_gear_hysteresis(const double *shape, int j, const dynid
     double way = change == 0.0 ? 0.0 : copysign(1.0, change);
     double a = shape[1] * (1.0 - z * way) / shape[0], t = fabs(change) / shape[0], y = fmax(t / (1.0 + a), t - a);
     for (int step = 0; step < 8; step++) {
-        double rest = t - y - a * (1.0 - exp(-y));
-        if (rest <= 0.0)
+        double left = exp(-y), further = (t - y - a * (1.0 - left)) / (1.0 + a * left);
+        if (further < 2.220446049250313e-16)
             break;
-        y += rest / (1.0 + a * exp(-y));
+        y += further;
     }
     z = way + (z - way) * exp(-y);
     memory[0] = z;
