@@ -7,10 +7,11 @@ import pytest
 from helpers.diagnosed import ROBOT, found_in, measured
 
 from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.estimates import _interval, _scatter, sized_torques
+from dynid_rs.diagnosis.estimates import _interval, _scatter, may_be_nothing, sized_torques
 from dynid_rs.diagnosis.gear_model import Flat
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Shaped
+from dynid_rs.diagnosis.standing import without_nothing
 from dynid_rs.regression.linear_model import Choice, LinearModel
 
 N = 800
@@ -55,6 +56,10 @@ def test_a_torque_that_is_there_has_a_size_and_one_that_is_not_has_none():
     there, not_there = (Shaped("joint_spring", (j,), (("rest_position", 0.0),)) for j in (1, 2))
     belief.accept([Named(h, 20.0) for h in belief.catalogue.of([there, not_there])])
     assert [effect in sized_torques(belief) for effect in belief.setup.effects] == [True, False]
+    assert may_be_nothing(belief) == [belief.setup.effects[1]]
+    assert without_nothing(belief)
+    assert list(belief.named) == [("joint_spring", (1,))]
+    assert not without_nothing(belief)
 
 
 def test_a_peak_has_a_size_though_nobody_knows_how_high_it_is():

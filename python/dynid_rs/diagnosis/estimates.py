@@ -102,6 +102,26 @@ def sized_torques(found: Belief) -> set[PlacedEffect]:
     return sized
 
 
+def may_be_nothing(found: Belief) -> list[PlacedEffect]:
+    """Torques of which no coefficient has a size, nor have all of them together, at 95 %.
+
+    Wald's test: ``x' S^-1 x`` of the coefficients x with covariance S, against chi-squared of as many. Two columns may
+    be alike, and neither is known where their sum is.
+    """
+    from scipy.stats import chi2
+
+    slopes, structural, x, sized = effect_slopes(found), found.structure(), found.fit.links_.x_, sized_torques(found)
+    nothing = []
+    for effect, at in _places(found).items():
+        if effect in sized:
+            continue
+        _, best = _beside_all(found, [slope for slope in slopes if slope.effect is not effect], structural)
+        S = best.covariance[np.ix_(at, at)]
+        if float(x[at] @ np.linalg.pinv(S, hermitian=True) @ x[at]) < chi2.ppf(0.95, len(at)):
+            nothing.append(effect)
+    return nothing
+
+
 def _places(found: Belief) -> dict[PlacedEffect, list[int]]:
     """Where the coefficients of every torque stand among the fit's unknowns."""
     own = zip(found.setup.effects, found.places(), strict=True)
@@ -110,6 +130,13 @@ def _places(found: Belief) -> dict[PlacedEffect, list[int]]:
 
 def _spread(found: Belief, slopes: Sequence[Slope], structural: Sequence[Hypothesis]) -> FloatArray:
     """Standard deviations of all unknowns, then of `slopes`, of changes of structure and of friction's shapes."""
+    model, best = _beside_all(found, slopes, structural)
+    spread: FloatArray = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
+    return spread
+
+
+def _beside_all(found: Belief, slopes: Sequence[Slope], structural: Sequence[Hypothesis]) -> tuple[LinearModel, Fit]:
+    """The model of all unknowns, then of `slopes`, of changes of structure and of friction's shapes, and its fit."""
     beside, places = found.beside, _places(found)
     model = beside.model.beside(
         *(slope.columns for slope in slopes),
@@ -119,9 +146,7 @@ def _spread(found: Belief, slopes: Sequence[Slope], structural: Sequence[Hypothe
     # A peak of friction is told by what is left of friction, so it is known as well as the sign's rounding is.
     peaks = [e for e in places if len(e.joints) == 1 and CATALOGUE[e.kind]["signals"] == ["dq_motor"]]
     model = model.beside(*(_any_rounding(found, effect, places[effect]) for effect in peaks))
-    best = model.fit(beside.best.choice, beside.best.noise)
-    spread: FloatArray = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
-    return spread
+    return model, model.fit(beside.best.choice, beside.best.noise)
 
 
 def _spread_of_value(setup: Setup, h: Hypothesis, spread: FloatArray) -> FloatArray:

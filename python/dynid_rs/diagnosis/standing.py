@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.estimates import Estimate, estimates
+from dynid_rs.diagnosis.estimates import Estimate, estimates, may_be_nothing
 from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.shaped import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
@@ -101,6 +101,18 @@ def sized(belief: Belief) -> None:
         if not at:
             return
         belief.remove(min(at, key=lambda place: belief.named[place].log_odds))
+
+
+def without_nothing(belief: Belief) -> bool:
+    """Take out the least certain torque of those that may be nothing at all, if there is one; whether there was.
+
+    Asked of the last fit, under whose weights and beside all whose names a torque may be less than it was when it was
+    found. One that is there, though no number of it has a size, stays for what it predicts (`entries.py`).
+    """
+    nothing = {(effect.kind, effect.joints) for effect in may_be_nothing(belief)} & belief.named.keys()
+    if nothing:
+        belief.remove(min(nothing, key=lambda place: belief.named[place].log_odds))
+    return bool(nothing)
 
 
 def _may_be_declared(belief: Belief, place: Place, known: Sequence[Estimate]) -> bool:
