@@ -92,7 +92,7 @@ def sized(belief: Belief) -> None:
 
     Evidence is that of the likeliest shapes. With those of all names and of friction unknown together, and other in
     every part of the data, what is likely may turn out to be what they can be as well. (A torque that has no size stays
-    for what it predicts, without a name: `entries.py`.)
+    for what it predicts, without a name, `entries.py`, unless the last fit says that it may be nothing.)
     """
     while True:
         known = estimates(belief)
