@@ -12,7 +12,8 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.estimates import estimates
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Shaped
-from dynid_rs.diagnosis.signs import with_signs
+from dynid_rs.diagnosis.signs import beyond_bounds
+from dynid_rs.diagnosis.weighing import last_fit, weighed_again
 
 ELBOW, WRIST = 1, 2
 STAGE = (("partner", float(WRIST)), ("ratio", 0.5), ("transition_width", 0.02))
@@ -24,15 +25,49 @@ def believed(effect):
 
 
 @pytest.mark.parametrize(
-    ("sizes", "silent"), [((0.3, 0.1), ()), ((-3.0, 0.1), (ELBOW,)), ((0.3, -1e-6), (WRIST,)), ((-3.0, -0.1), ())]
+    ("sizes", "beyond"),
+    [
+        ((0.3, 0.01, 0.1, 0.0), []),
+        ((-3.0, 0.01, 0.1, 0.01), [0]),
+        ((0.3, -0.01, -1e-6, 0.01), [1, 2]),
+        ((-3.0, -0.01, -0.1, 0.0), []),  # nothing would be left of it
+    ],
 )
-def test_a_joint_whose_size_has_the_wrong_sign_is_silent_unless_none_is_left(sizes, silent):
-    belief = believed(SHARED)
+def test_sizes_of_a_sign_that_physics_does_not_allow(sizes, beyond):
+    places = [(ELBOW, 4), (ELBOW, 5), (WRIST, 7), (WRIST, 8)]
+    x = np.full(9, -1.0)
+    x[[at for _, at in places]] = sizes
+    assert beyond_bounds([SHARED], [places], x) == {places[k][1] for k in beyond}
+
+
+def test_a_size_that_may_have_either_sign_has_none_to_keep():
+    ripple = Shaped("torque_ripple", (ELBOW,), (("cycles", 3.0),)).placed()
+    places = [(ELBOW, at) for at in range(4)]
+    assert beyond_bounds([ripple], [places], np.array([-1.0, 2.0, -3.0, 0.1])) == set()
+
+
+def test_laws_of_one_joint_are_as_they_were():
+    peak = Shaped("stribeck", (ELBOW,), (("stribeck_velocity", 0.1), ("exponent", 2.0), ("transition_width", 0.02)))
+    assert beyond_bounds([peak.placed()], [[(ELBOW, 0), (ELBOW, 1)]], np.array([1.0, -1.0])) == set()
+
+
+def test_the_last_fit_is_within_the_bounds():
+    """A stage of another ratio than the true one would drive the wrist: the least error that drives none is told."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("coupled_friction:elbow"))
+    geared = Shaped("coupled_friction", (ELBOW, WRIST), (*STAGE[:1], ("ratio", -1.0), *STAGE[2:]))
+    belief.setup = replace(belief.setup, effects=(geared.placed(),))
+    belief.refit()
     (places,) = belief.places()
-    own = [place for _, place in places]
-    belief.fit.links_.x_[own] = np.array([sizes[0], -0.01, sizes[1], -0.01])  # viscous parts may be anything
-    (effect,) = with_signs(belief).effects
-    assert effect == replace(SHARED, silent=silent)
+    own = [at for _, at in places]
+    free = weighed_again(belief.first, belief.fit, belief.setup, belief.train).links_.x_
+    assert np.any(free[own] < 0)
+    assert np.any(free[own] > 0)
+    x = last_fit(belief, set()).links_.x_
+    assert np.all(x[own] >= 0)
+    assert np.any(x[own] == 0)
+    assert np.any(x[own] > 0)
+    nameless = last_fit(belief, {("coupled_friction", (ELBOW, WRIST))}).links_.x_
+    assert np.all(nameless[own] >= 0)
 
 
 def test_a_silent_joint_has_nothing_of_the_effect_and_says_so():
@@ -46,10 +81,3 @@ def test_a_silent_joint_has_nothing_of_the_effect_and_says_so():
     assert [(one.value, one.interval) for one in known if one.joint == ELBOW and one.unit != "1"] == [(0.0, None)] * 2
     assert all(one.interval is not None for one in known if one.joint == WRIST)
     assert [one.name for one in known if one.joint is None] == ["ratio"]  # of the stage, which turns with both
-
-
-def test_laws_of_one_joint_are_as_they_were():
-    alone = Shaped("stribeck", (ELBOW,), (("stribeck_velocity", 0.1), ("exponent", 2.0), ("transition_width", 0.02)))
-    belief = believed(alone.placed())
-    belief.fit.links_.x_[[place for _, place in belief.places()[0]]] = -1.0
-    assert with_signs(belief).effects == belief.setup.effects

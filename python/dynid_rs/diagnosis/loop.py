@@ -31,7 +31,6 @@ from dynid_rs.diagnosis.rivals import settle_rivals, weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
-from dynid_rs.diagnosis.signs import with_signs
 from dynid_rs.diagnosis.standing import without_nothing
 from dynid_rs.diagnosis.unexplained import stood_in, unexplained_entries
 from dynid_rs.diagnosis.weighing import last_fit
@@ -150,10 +149,9 @@ def _traced(
     found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         settled = False
-        while not settled:  # each time a joint more is silent, or a torque less is there
-            found.setup = with_signs(found)
+        while not settled:  # each time a torque less is there
             found.fit = last_fit(found, without_name)
-            settled = with_signs(found).effects == found.setup.effects and not without_nothing(found)
+            settled = not without_nothing(found)
         found.catalogue = Catalogue(found.fit, found.catalogue)
     names = setup.robot.joint_names
     entries = [

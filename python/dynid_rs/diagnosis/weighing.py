@@ -13,6 +13,7 @@ from dynid_rs.base.estimator import clone
 from dynid_rs.diagnosis.belief import Belief, fitted
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place
+from dynid_rs.diagnosis.signs import beyond_bounds
 from dynid_rs.diagnosis.standing import harms
 from dynid_rs.diagnosis.trials import blocks, whole_runs
 from dynid_rs.identification.links import LinkDynamicsIdentifier
@@ -33,7 +34,18 @@ N_ELSEWHERE = 600
 
 
 def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentifier:
-    """Fit of what is believed, in which torques at places `without_name` say nothing of the links.
+    """Fit of what is believed within the bounds of its sizes; torques `without_name` say nothing of the links."""
+    places, zero = found.places(), set[int]()
+    while True:
+        fit = _with_zero(found, without_name, sorted(zero))
+        more = beyond_bounds(found.setup.effects, places, fit.links_.x_) - zero
+        if not more or fit is found.first:
+            return fit
+        zero |= more
+
+
+def _with_zero(found: Belief, without_name: Collection[Place], zero: Sequence[int]) -> ThreeLoopIdentifier:
+    """Fit of what is believed in which the unknowns at places `zero` are zero.
 
     What has no name predicts what is left of its own joints. What it has in common with gravity it has on these runs
     only, so that the links, and all other joints, are those of the fit without it. Where nothing is left of what was
@@ -44,18 +56,23 @@ def last_fit(found: Belief, without_name: Collection[Place]) -> ThreeLoopIdentif
         return found.first
     nameless = [effect for effect in setup.effects if (effect.kind, effect.joints) in without_name]
     if not nameless:
-        return weighed_again(found.first, found.fit, setup, train)
+        return weighed_again(found.first, found.fit, setup, train, zero)
     without, fit = found.without(without_name)
-    fit = weighed_again(found.first, fit, without, train)
+    fit = weighed_again(found.first, fit, without, train, zero)
     plan, places = fit.observations_.plan, np.arange(len(fit.links_.x_))
     of_their_joints = np.isin((places - plan.n_base) // plan.n_own, [j for effect in nameless for j in effect.joints])
-    at = places[plan.estimable() & ~of_their_joints]
-    links = _with_gains_of(fit, setup).set_params(known=Known(fit.links_.x_[at], at))
+    at = places[(plan.estimable() & ~of_their_joints) | np.isin(places, zero)]
+    x = np.where(np.isin(places, zero), 0.0, fit.links_.x_)
+    links = _with_gains_of(fit, setup).set_params(known=Known(x[at], at))
     return fitted(setup, train, friction=_shapes(found.fit), links=links)
 
 
 def weighed_again(
-    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
+    declared: ThreeLoopIdentifier,
+    fit: ThreeLoopIdentifier,
+    setup: Setup,
+    train: Sequence[Recording],
+    zero: Sequence[int] = (),
 ) -> ThreeLoopIdentifier:
     """Fit in which joints' rows say as much of the links as if they had the noise of motion that was not seen.
 
@@ -67,6 +84,8 @@ def weighed_again(
     """
     links = _with_gains_of(fit, setup)
     links.set_params(least_noise=_least_noise(declared, fit), elsewhere=_elsewhere(fit))
+    if zero:
+        links.set_params(known=Known(np.zeros(len(zero)), np.array(zero)))
     again = partial(fitted, setup, train, friction=_shapes(fit))
     weighed = again(links=links)
     likeliest, ways = _posterior(weighed).choice, _ways(fit)
