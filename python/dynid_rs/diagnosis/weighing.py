@@ -62,8 +62,7 @@ def _with_zero(found: Belief, without_name: Collection[Place], zero: Sequence[in
     plan, places = fit.observations_.plan, np.arange(len(fit.links_.x_))
     of_their_joints = np.isin((places - plan.n_base) // plan.n_own, [j for effect in nameless for j in effect.joints])
     at = places[(plan.estimable() & ~of_their_joints) | np.isin(places, zero)]
-    x = np.where(np.isin(places, zero), 0.0, fit.links_.x_)
-    links = _with_gains_of(fit, setup).set_params(known=Known(x[at], at))
+    links = _with_gains_of(fit, setup).set_params(known=Known(fit.links_.x_[at], at))
     return fitted(setup, train, friction=_shapes(found.fit), links=links)
 
 
@@ -80,7 +79,7 @@ def weighed_again(
     right they would draw the links, and joints that have no name are predicted worse; what they say more exactly moves
     the links where no other joint feels it, on these runs or elsewhere. At these weights the evidence
     chooses the prior anew; where some joint is then predicted worse than by the declared fit, on parts that were left
-    out, that of the declared fit, or else of `fit`, stays if it does no such harm.
+    out, that of the declared fit, or else of `fit`, stays if it does no such harm. Unknowns at places `zero` are zero.
     """
     links = _with_gains_of(fit, setup)
     links.set_params(least_noise=_least_noise(declared, fit), elsewhere=_elsewhere(fit))

@@ -31,7 +31,7 @@ class PlacedEffect:
         Shape parameters by name, one value per joint of `joints`; `held_from` and `held_to` of a function of the
         angle that ends there. What may be absent is there in the end.
     silent : tuple of int
-        Joints of it where it adds nothing, though it has unknowns there.
+        Joints of it where it adds nothing: its unknowns there keep their places and are zero.
     """
 
     kind: str
