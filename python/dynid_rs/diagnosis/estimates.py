@@ -108,7 +108,7 @@ def may_be_nothing(found: Belief) -> list[PlacedEffect]:
     Wald's test: ``x' S^-1 x`` of the coefficients x with covariance S, against chi-squared of as many. Two columns may
     be alike, and neither is known where their sum is.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     slopes, structural, x, sized = effect_slopes(found), found.structure(), found.fit.links_.x_, sized_torques(found)
     nothing = []
@@ -117,7 +117,7 @@ def may_be_nothing(found: Belief) -> list[PlacedEffect]:
             continue
         _, best = _beside_all(found, [slope for slope in slopes if slope.effect is not effect], structural)
         S = best.covariance[np.ix_(at, at)]
-        if float(x[at] @ np.linalg.pinv(S, hermitian=True) @ x[at]) < chi2.ppf(0.95, len(at)):
+        if float(x[at] @ np.linalg.pinv(S, hermitian=True) @ x[at]) < chdtri(len(at), 0.05):
             nothing.append(effect)
     return nothing
 

@@ -174,9 +174,9 @@ def _directions(columns: FloatArray, known: FloatArray) -> FloatArray:
 
 
 def _chance(square: float, k: int) -> float:
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    return float(chi2.sf(square, max(k, 1)))
+    return float(chdtrc(max(k, 1), square))
 
 
 def _test_of(pool: TypePool, candidate: Candidate, named: list[int]) -> int | None:

@@ -71,7 +71,7 @@ class Shared:
 
 def share(y: FloatArray, s: FloatArray) -> Shared:
     """Fit mu and T to estimates `y` (n,) with standard errors `s` (n,), which may be zero."""
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     y, square = np.asarray(y, dtype=float), np.asarray(s, dtype=float) ** 2
     n = len(y)
@@ -87,7 +87,7 @@ def share(y: FloatArray, s: FloatArray) -> Shared:
         mean, power = _restricted(y[inside], square[inside], mean, power)
         v = power + square[inside]
         spread = np.sqrt(power + square[i] + 1 / np.sum(1 / v))
-        if 2 * student.sf(abs(y[i] - mean) / spread, inside.sum() - 1) < COMES_BACK / n:
+        if 2 * stdtr(inside.sum() - 1, -abs(y[i] - mean) / spread) < COMES_BACK / n:
             break
         inside[i] = True
     mean, power = _restricted(y[inside], square[inside], mean, power)
@@ -160,7 +160,7 @@ class Judged:
 
 def judge(y: FloatArray, s: FloatArray) -> Judged:
     """Judge every arm by a fit without it."""
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     y, s = np.asarray(y, dtype=float), np.asarray(s, dtype=float)
     whole = share(y, s)
@@ -174,7 +174,7 @@ def judge(y: FloatArray, s: FloatArray) -> Judged:
         without = share(y[others], s[others])
         deviations[i] = _distance(y[i : i + 1], s[i : i + 1], without)[0]
         freedom[i] = float(max(without.n_usual - 1, 1))
-    chance = np.asarray(2 * student.sf(np.abs(deviations), freedom), dtype=np.float64)
+    chance = np.asarray(2 * stdtr(freedom, -np.abs(deviations)), dtype=np.float64)
     return Judged(whole, deviations, chance)
 
 
@@ -189,10 +189,10 @@ def least_arms(limit: float) -> int:
 
     With n arms T has n - 2 degrees of freedom for each of them.
     """
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     n = 3
-    while 2 * student.sf(WIDE, n - 2) > limit:
+    while 2 * stdtr(n - 2, -WIDE) > limit:
         n += 1
     return n
 
