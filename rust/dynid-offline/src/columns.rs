@@ -1,11 +1,13 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
-use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
+use dynid_core::effects::{motor_torque_into, JointRow, TAU_MOTOR};
+use dynid_core::lanes::{self, Kernel, Lanes, Portable, MOST_LANES};
 use dynid_core::{all_finite, CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
 
 use crate::error::OfflineError;
 use crate::observation::slice_state;
+use crate::rows::gather;
 use crate::signs::signs;
 
 /// Samples per task.
@@ -165,11 +167,24 @@ pub(crate) fn columns(
     let width = effect.n_columns();
     let n_samples = run.state.q.len() / n_joints;
     let mut out = vec![0.0; n_samples * joints.len() * width];
+    let in_rows = joints.iter().all(|j| is_in_rows(effect, *j));
     let signs: Vec<Vec<f64>> = joints
         .iter()
+        .filter(|_| !in_rows)
         .map(|j| signs(effect, *j, n_joints, run.state.dq_motor))
         .collect();
     let fill = |first: usize, out: &mut [f64]| {
+        if in_rows {
+            lanes::run(Rows {
+                effect,
+                state: &run.state,
+                n_joints,
+                joints,
+                first,
+                out,
+            });
+            return;
+        }
         let mut memory = vec![0.0; effect.memory_len(n_joints)];
         for (k, sample) in out.chunks_exact_mut(joints.len() * width).enumerate() {
             let mut input = run.input(first + k, n_joints);
@@ -192,6 +207,68 @@ pub(crate) fn columns(
             .for_each(|(chunk, out)| fill(chunk * CHUNK, out));
     }
     out
+}
+
+/// Columns of an effect on some joints at samples from `first` on, samples in lanes.
+struct Rows<'a> {
+    effect: &'a Effect,
+    state: &'a State<'a>,
+    n_joints: usize,
+    joints: &'a [usize],
+    first: usize,
+    /// Samples × joints × columns.
+    out: &'a mut [f64],
+}
+
+impl Kernel for Rows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let (n, width) = (self.n_joints, self.effect.n_columns());
+        let State {
+            q,
+            q_motor,
+            dq_motor,
+            ..
+        } = *self.state;
+        let stride = self.joints.len() * width;
+        for (group, out) in self.out.chunks_mut(L::LEN * stride).enumerate() {
+            let n_own = out.len() / stride;
+            // Where samples end, the last one fills up.
+            let mut samples = [0; MOST_LANES];
+            for (lane, sample) in samples.iter_mut().enumerate() {
+                *sample = self.first + group * L::LEN + lane.min(n_own - 1);
+            }
+            let samples = &samples[..L::LEN];
+            for (place, &j) in self.joints.iter().enumerate() {
+                let partner = self.effect.speed_partner(j).unwrap_or(j);
+                let input = JointRow {
+                    q: gather::<L>(q, samples, n, j),
+                    q_motor: gather::<L>(q_motor, samples, n, j),
+                    dq_motor: gather::<L>(dq_motor, samples, n, j),
+                    dq_partner: gather::<L>(dq_motor, samples, n, partner),
+                };
+                let Some(columns) = self.effect.row(j, &input) else {
+                    return;
+                };
+                for (c, column) in columns.into_iter().take(width).enumerate() {
+                    let mut numbers = [0.0; MOST_LANES];
+                    column.store(&mut numbers);
+                    let to = out[place * width + c..].iter_mut().step_by(stride);
+                    for (to, x) in to.zip(numbers) {
+                        *to = x;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Whether samples of joint `j` go side by side.
+fn is_in_rows(effect: &Effect, j: usize) -> bool {
+    let input = JointRow::<Portable<1, false>>::at_rest();
+    effect.row(j, &input).is_some()
 }
 
 /// Torque of `term` at every sample into `tau` (n_samples × n_joints), from a fresh memory.

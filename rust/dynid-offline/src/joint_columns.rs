@@ -1,6 +1,6 @@
 //! Columns of one joint's rows, some samples at a time, samples in lanes.
 
-use dynid_core::effects::MAX_COLUMNS;
+use dynid_core::effects::{JointRow, MAX_COLUMNS};
 use dynid_core::lanes::{Lanes, MOST_LANES};
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::Effect;
@@ -72,7 +72,14 @@ impl<'a> EffectColumns<'a> {
         rows: &mut [[L::Raw; DEPTH]],
     ) {
         let n = self.n_joints;
-        let speeds = self.signals.state.dq_motor;
+        let state = &self.signals.state;
+        let speeds = state.dq_motor;
+        let mut input = JointRow {
+            q: gather(state.q, samples, n, j),
+            q_motor: gather(state.q_motor, samples, n, j),
+            dq_motor: gather(speeds, samples, n, j),
+            dq_partner: L::splat(0.0),
+        };
         let known = self.history.iter().zip(&self.constant);
         let mut start = 0;
         for (effect, (history, constant)) in self.effects.iter().zip(known) {
@@ -85,8 +92,11 @@ impl<'a> EffectColumns<'a> {
                 }
                 continue;
             }
-            if let Some(friction) = effect.friction_row::<L>(j, gather(speeds, samples, n, j)) {
-                for (row, column) in rows.iter_mut().zip(friction) {
+            if let Some(partner) = effect.speed_partner(j) {
+                input.dq_partner = gather(speeds, samples, n, partner);
+            }
+            if let Some(columns) = effect.row::<L>(j, &input) {
+                for (row, column) in rows.iter_mut().zip(columns) {
                     row[depth] = column.raw();
                 }
                 continue;
@@ -94,7 +104,7 @@ impl<'a> EffectColumns<'a> {
             let mut signs = [0.0; MOST_LANES];
             let mut sign = None;
             if history.is_none() {
-                sign = effect.sign_row::<L>(j, gather(speeds, samples, n, j));
+                sign = effect.sign_row::<L>(j, input.dq_motor);
             }
             if let Some(sign) = sign {
                 sign.store(&mut signs);
@@ -108,11 +118,11 @@ impl<'a> EffectColumns<'a> {
                         own[..width].copy_from_slice(&all[start..start + width]);
                     }
                     None => {
-                        let mut input = self.signals.input(k, n);
+                        let mut sample = self.signals.input(k, n);
                         if sign.is_some() {
-                            input.sign = Some(signs[lane]);
+                            sample.sign = Some(signs[lane]);
                         }
-                        effect.columns_into(j, &input, &mut [], &mut own[..width]);
+                        effect.columns_into(j, &sample, &mut [], &mut own[..width]);
                     }
                 }
                 for (row, x) in numbers[..width].iter_mut().zip(own) {

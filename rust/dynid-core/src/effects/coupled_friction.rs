@@ -8,6 +8,9 @@ use super::smooth_friction::friction_sign;
 use super::EffectInput;
 use crate::slices::{at, first, put};
 
+/// Name in files and reports.
+pub(super) const KIND: &str = "coupled_friction";
+
 /// Two columns, zeros without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\], p.
 pub fn columns(
     shape: &[f64],

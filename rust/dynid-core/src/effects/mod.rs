@@ -19,6 +19,7 @@ mod load_hysteresis;
 mod motor_torque;
 mod position_dependent_friction;
 mod rotor_inertia;
+pub mod row;
 pub(crate) mod smooth_friction;
 mod speed_row;
 mod stribeck;
@@ -32,6 +33,7 @@ pub use catalogue::CATALOGUE;
 pub use entry::Entry;
 pub use friction::{friction_columns, PaperFriction, FRICTION_NAMES, N_FRICTION};
 pub use motor_torque::{motor_torque_into, SIGNAL as TAU_MOTOR};
+pub use row::JointRow;
 use smooth_friction::SmoothFriction;
 pub use smooth_friction::{SignSlopes, N_SLOPES};
 pub use speed_row::SpeedRow;
@@ -39,7 +41,7 @@ pub use speed_row::SpeedRow;
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
 use crate::lanes;
-use crate::slices::rows;
+use crate::slices::{part, part_mut, rows};
 use crate::state::State;
 
 /// Upper bound on [`Effect::n_columns`]; columns of one joint fit in an array of this length.
@@ -276,66 +278,20 @@ impl Effect {
         memory: &mut [f64],
         columns: &mut [f64],
     ) {
-        let Entry {
-            shape, memory: m, ..
-        } = self.entry;
-        let (shape, m) = (shape.len(), *m);
-        let own = self.shape.get(j * shape..(j + 1) * shape);
+        let own = self.own_shape(j);
         if let Some(range) = self.held.get(j) {
-            return held::columns(
-                self.entry,
-                own.unwrap_or_default(),
-                j,
-                *range,
-                input,
-                columns,
-            );
+            return held::columns(self.entry, own, j, *range, input, columns);
         }
-        let memory = memory.get_mut(j * m..(j + 1) * m);
-        (self.entry.columns)(
-            own.unwrap_or_default(),
-            j,
-            input,
-            memory.unwrap_or_default(),
-            columns,
-        );
+        let m = self.entry.memory;
+        let memory = part_mut(memory, j * m, (j + 1) * m);
+        (self.entry.columns)(own, j, input, memory, columns);
     }
 
-    /// [`EffectInput::sign`] of a row of speeds of joint `j`'s motor, to the same bits as one by one; `None` of an effect
-    /// without one, with a tanh in its place (sharpness 0), or with one of two joints' speed.
+    /// Shape parameters of joint `j`.
     #[inline(always)]
-    pub fn sign_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<L> {
-        let [width, sharpness] = self.entry.sign()?;
-        let own = self.shape.get(j * self.entry.shape.len()..)?;
-        let (e, p) = (*own.get(width)?, *own.get(sharpness)?);
-        // What stands in a closure is not compiled for these registers.
-        if p > 0.0 {
-            return Some(smooth_friction::sign_row(
-                dq_motor,
-                L::splat(e),
-                L::splat(p),
-            ));
-        }
-        None
-    }
-
-    /// [`Self::columns_into`] of a law of friction, the paper's or the smooth one, at a row of motor speeds of joint `j`, to
-    /// the same bits, and zeros after them; `None` for other effects.
-    #[inline(always)]
-    pub fn friction_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<[L; N_FRICTION]> {
-        let own = self.shape.get(2 * j..2 * j + 2)?;
-        let [first, second] = [L::splat(own[0]), L::splat(own[1])];
-        if self.kind() == friction::KIND {
-            return Some(PaperFriction::row(dq_motor, first, second));
-        }
-        if self.kind() != smooth_friction::KIND {
-            return None;
-        }
-        let mut row = [L::splat(0.0); N_FRICTION];
-        row.iter_mut()
-            .zip(SmoothFriction::row(dq_motor, first, second))
-            .for_each(|(to, column)| *to = column);
-        Some(row)
+    fn own_shape(&self, j: usize) -> &[f64] {
+        let width = self.entry.shape.len();
+        part(&self.shape, j * width, (j + 1) * width)
     }
 
     /// # Errors

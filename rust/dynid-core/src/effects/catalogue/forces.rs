@@ -9,7 +9,7 @@ use crate::effects::{
 };
 
 pub(super) const COUNTERBALANCE: Entry = Entry {
-    kind: "counterbalance",
+    kind: counterbalance::KIND,
     formula: "c / (gas_length - (L - |a - b|)) dL/dq, L^2 = a^2 + b^2 + 2 a b cos(q + phase)",
     coefficients: &[coefficient("counterbalance", "{torque}", Sign::NonNegative)],
     shape: &[
@@ -42,7 +42,7 @@ pub(super) const COUNTERBALANCE: Entry = Entry {
 };
 
 pub(super) const TORQUE_RIPPLE: Entry = Entry {
-    kind: "torque_ripple",
+    kind: torque_ripple::KIND,
     formula: "a1 cos N q_motor + b1 sin N q_motor + a2 cos 2 N q_motor + b2 sin 2 N q_motor",
     coefficients: &[
         coefficient("ripple_cos1", "{torque}", Sign::Free),

@@ -13,7 +13,7 @@ use crate::effects::{
 };
 
 pub(super) const STRIBECK: Entry = Entry {
-    kind: "stribeck",
+    kind: stribeck::KIND,
     formula: "k s(dq_motor) exp(-(|dq_motor| / v_s)^d), k of the direction",
     coefficients: &[
         coefficient("stribeck_pos", "{torque}", Sign::NonNegative),
@@ -81,7 +81,7 @@ pub(super) const BEARING_FRICTION: Entry = Entry {
 };
 
 pub(super) const POSITION_DEPENDENT_FRICTION: Entry = Entry {
-    kind: "position_dependent_friction",
+    kind: position_dependent_friction::KIND,
     formula: "s(dq_motor) (a cos N q + b sin N q)",
     coefficients: &[
         coefficient("position_friction_cos", "{torque}", Sign::Free),
@@ -172,7 +172,7 @@ pub(super) const GEAR_HYSTERESIS: Entry = Entry {
 };
 
 pub(super) const COUPLED_FRICTION: Entry = Entry {
-    kind: "coupled_friction",
+    kind: coupled_friction::KIND,
     formula: "k s(u) + d u, u = dq_motor + r dq_motor of the partner",
     coefficients: &[
         coefficient("coupled_friction", "{torque}", Sign::NonNegative),
