@@ -182,7 +182,8 @@ def test_the_error_beyond_the_noise_is_that_of_what_the_runs_leave_unknown(asked
     drawn[:, at] = unit * np.linalg.solve(root.T, normal).T
     for j, rows in enumerate(along._fit(motion).observations_.joint_rows()):
         wrong = along._scaled(rows[:, :-1], j) @ drawn[:, asked.plan.unknowns(j)].T / asked.noise[j]
-        assert worth.excess()[j] == pytest.approx(np.sqrt(1 + np.mean(wrong**2)) - 1, rel=0.05)
+        often = np.quantile(np.sqrt(1 + np.mean(wrong**2, axis=0)) - 1, 0.95)
+        assert worth.excess()[j] == pytest.approx(often, rel=0.08)
     more = [worth.excess(along.information(motion) * share) for share in (0.0, 1.0, 100.0)]
     assert_allclose(more[0], worth.excess())
     assert (more[0] > more[1]).all()
@@ -514,7 +515,7 @@ def test_where_nothing_is_open_it_says_so():
     first, second, third, last = sentences(section, ["a", "b"])
     assert "nothing is open" in first
     assert "sixty-four" in second
-    assert "on a, the least known joint, is expected to exceed the noise by 3.0\N{NO-BREAK SPACE}% now" in third
+    assert "on a, the least known joint, exceeds the noise by at most 3.0\N{NO-BREAK SPACE}% now" in third
     assert "only noise is left" in last
     assert len(sentences(section | {"is_wanted": True}, ["a", "b"])) == 3
 

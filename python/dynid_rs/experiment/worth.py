@@ -30,6 +30,8 @@ Whole = NDArray[np.intp]
 
 N_DRAWS = 128
 """Draws of each expectation, half of them mirrored: a chance is known within some four percent."""
+RARELY = 0.05
+"""Chance that an error exceeds the noise by more than is said."""
 RIDGE = 1e-10
 """Precision that is added to every unknown, over its own: rounding."""
 
@@ -112,15 +114,24 @@ class Worth:
         return 0.5 * float(np.linalg.slogdet(known + wanted)[1] - np.linalg.slogdet(known)[1])
 
     def excess(self, told: Told | None = None) -> FloatArray:
-        """By how much the error within the limits is expected to exceed the noise, as a share of it, (n_joints,).
+        """By how much the error within the limits exceeds the noise at most, as a share of it, (n_joints,): 19 times of 20.
 
-        The prediction of a row x of joint j has the variance ``x' P^-1 x``; beside the noise that makes the root mean
-        square error ``sqrt(1 + tr(P^-1 G_j))`` times the noise.
+        What is wrong of a row x of joint j, ``x'd`` with d of the covariance ``P^-1``, has the mean square ``d'G_j d``: a
+        sum of squares with the mean ``tr A``, ``A = P^-1 G_j``, and the variance ``2 tr A^2``, like chi-squared of
+        ``(tr A)^2 / tr A^2`` degrees of freedom (Satterthwaite 1946). The root mean square error is
+        ``sqrt(1 + d'G_j d)`` times the noise.
         """
+        from scipy.special import chdtri
+
         known, scale = self._known(told)
         inverse = np.linalg.inv(known)
-        variance = np.array([np.sum(inverse * self._wanted(own, scale)) for own in self.domain])
-        excess: FloatArray = np.sqrt(1 + np.maximum(variance, 0.0)) - 1
+        most = np.zeros(len(self.domain))
+        for j, own in enumerate(self.domain):
+            A = inverse @ self._wanted(own, scale)
+            mean, square = float(np.trace(A)), float(np.sum(A * A.T))
+            if mean > 0 and square > 0:
+                most[j] = square / mean * chdtri(mean**2 / square, RARELY)
+        excess: FloatArray = np.sqrt(1 + most) - 1
         return excess
 
     def _known(self, told: Told | None) -> tuple[FloatArray, FloatArray]:
