@@ -113,7 +113,7 @@ def test_nobody_is_kept_out_and_nothing_breaks(
     sight.unfold()
     assert sight.too_wide() == []
     if name != "large":  # axe takes a minute for a thousand rows, which are all alike
-        assert sight.violations() == []
+        assert sight.violations(of_colours=scheme == "dark") == []  # all else is the same page
     assert sight.faults == []
     sight.close()
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -83,28 +85,57 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
+@dataclass(frozen=True)
+class Seen:
+    """One page in one window, first as it opens, then unfolded."""
+
+    boxes: list[dict[str, float]]
+    texts: list[str]
+    chart: float
+    too_wide: dict[str, list[str]]
+    n_images: int
+    faults: list[str]
+    violations: list[tuple[str, str, str]] | None
+
+
+@pytest.fixture(scope="module")
+def looked_at(browser: Any, pages: dict[str, Path]) -> Callable[..., Seen]:
+    """Open a page once for all tests that only look at it."""
+
+    @functools.cache
+    def look(name: str, size: str, scheme: str) -> Seen:
+        width, height = SIZES[size]
+        sight = chromium.Sight(browser, pages[name], width=width, height=height, scheme=scheme)
+        boxes = [row.bounding_box() for row in sight.page.locator(".answer > div").all()]
+        texts = sight.page.locator(".answer dd").all_inner_texts()
+        chart = sight.page.locator(".bars h3").first.bounding_box()["y"]
+        too_wide = {"folded": sight.too_wide()}
+        sight.unfold()
+        too_wide["unfolded"] = sight.too_wide()
+        n_images = sight.page.evaluate("document.images.length")
+        faults = list(sight.faults)
+        seen_in_light = scheme == "dark" and (name, size, "light") in SEEN  # all but colours is the same page
+        violations = sight.violations(of_colours=seen_in_light) if (name, size, scheme) in SEEN else None
+        sight.close()
+        return Seen(boxes, texts, chart, too_wide, n_images, faults, violations)
+
+    return look
+
+
 @pytest.mark.parametrize(("name", "size", "scheme"), SEEN)
-def test_nobody_is_kept_out(browser: Any, pages: dict[str, Path], name: str, size: str, scheme: str) -> None:
+def test_nobody_is_kept_out(looked_at: Callable[..., Seen], name: str, size: str, scheme: str) -> None:
     """Axe finds nothing at all, not even of small weight, with everything unfolded."""
-    width, height = SIZES[size]
-    sight = chromium.Sight(browser, pages[name], width=width, height=height, scheme=scheme)
-    sight.unfold()
-    assert sight.violations() == []
-    sight.close()
+    assert looked_at(name, size, scheme).violations == []
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", MADE)
-def test_nothing_breaks(browser: Any, pages: dict[str, Path], name: str, size: str) -> None:
+def test_nothing_breaks(looked_at: Callable[..., Seen], name: str, size: str) -> None:
     """No message, no request, nothing beside the window, whether folded or not."""
-    width, height = SIZES[size]
-    sight = chromium.Sight(browser, pages[name], width=width, height=height)
-    assert sight.too_wide() == []
-    sight.unfold()
-    assert sight.too_wide() == []
-    assert sight.faults == []
-    assert sight.page.evaluate("document.images.length") == 0
-    sight.close()
+    seen = looked_at(name, size, "light")
+    assert seen.too_wide == {"folded": [], "unfolded": []}
+    assert seen.faults == []
+    assert seen.n_images == 0
 
 
 def test_axe_would_find_something(browser: Any, pages: dict[str, Path], tmp_path: Path) -> None:
@@ -118,17 +149,13 @@ def test_axe_would_find_something(browser: Any, pages: dict[str, Path], tmp_path
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", MADE)
-def test_first_screen_answers_three_questions(browser: Any, pages: dict[str, Path], name: str, size: str) -> None:
-    width, height = SIZES[size]
-    sight = chromium.Sight(browser, pages[name], width=width, height=height)
-    boxes = [row.bounding_box() for row in sight.page.locator(".answer > div").all()]
-    texts = sight.page.locator(".answer dd").all_inner_texts()
-    assert len(boxes) == 3
-    assert all(texts)
-    assert boxes[-1]["y"] + boxes[-1]["height"] <= height
+def test_first_screen_answers_three_questions(looked_at: Callable[..., Seen], name: str, size: str) -> None:
+    seen, (_, height) = looked_at(name, size, "light"), SIZES[size]
+    assert len(seen.boxes) == 3
+    assert all(seen.texts)
+    assert seen.boxes[-1]["y"] + seen.boxes[-1]["height"] <= height
     if size == "desk":  # the chart begins on the first screen
-        assert sight.page.locator(".bars h3").first.bounding_box()["y"] < height
-    sight.close()
+        assert seen.chart < height
 
 
 @pytest.mark.parametrize("name", ["diagnosis", "identified"])
