@@ -1,9 +1,12 @@
 """A model's C header with a driver around it, as a library; held against the estimator, term by term."""
 
 import ctypes
+import functools
 import itertools
 import shutil
 import subprocess
+import tempfile
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +19,8 @@ COMPILERS = {
     "c++17": ("g++", ["-std=c++17", "-x", "c++"]),
     "contracted": ("gcc", ["-std=gnu11", "-O3", "-march=native", "-ffp-contract=fast"]),
 }
+PLAIN = "plain"
+"""Not optimised, in a fifth of the time: for headers whose code another test compiles with all of a compiler's care."""
 OF_THE_SIZE = 1e-11
 """Another order of operations, other functions for sine, tanh and exponential: of the largest torque of the term."""
 
@@ -24,9 +29,11 @@ DRIVER = ROOT / "tests/c/header_driver.c"
 counter = itertools.count()
 
 
-def compiled(folder, header, standard="c99"):
-    """The header with a driver around it, as a library of its own."""
-    compiler, flags = COMPILERS[standard]
+@functools.cache
+def compiled(header, standard="c99"):
+    """The header with a driver around it, as a library; it remembers nothing from one run to the next."""
+    folder = Path(_keep().name)
+    compiler, flags = ("gcc", ["-std=c99", "-O0"]) if standard == PLAIN else COMPILERS[standard]
     assert shutil.which(compiler), (
         f"{compiler} is not on the path; these tests compile C (Debian: apt install {compiler})"
     )
@@ -73,3 +80,8 @@ def assert_same(model, library, states, said=""):
     motion = {name: values for name, values in states.items() if name != "temperature"}
     np.testing.assert_allclose(std, model.predicted_std(**motion), rtol=1e-9)
     return off
+
+
+@functools.cache
+def _keep():
+    return tempfile.TemporaryDirectory(prefix="dynid-header-", ignore_cleanup_errors=True)

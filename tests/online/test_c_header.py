@@ -6,7 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from helpers.compiled_header import COMPILERS, OF_THE_SIZE, STRICT, assert_same, compiled, difference, run
+from helpers.compiled_header import COMPILERS, OF_THE_SIZE, PLAIN, STRICT, assert_same, compiled, difference, run
 from helpers.robots import random_chain
 from helpers.small_arm import dynid, refusal, snapshot
 from helpers.whole_model import (
@@ -43,7 +43,7 @@ def test_every_effect_and_every_residual_on_a_recorded_run(tmp_path, robot, stat
     model = whole_model(robot, states, inputs, seed=7)
     kinds = {effect.kind for effect, _ in model.effects}
     assert kinds == {entry["kind"] for entry in _core.effect_catalogue()}, "an effect is not in the test"
-    library = compiled(tmp_path, c_header(model, "arm"), standard)
+    library = compiled(c_header(model, "arm"), standard)
     off = assert_same(model, library, states)
     _, _, status = model.evaluate(**states)
     for bit in (2, 4) if inputs else (2,):
@@ -68,7 +68,7 @@ def test_any_chain(tmp_path, seed):
     both = states | {f"{name}_motor": states.get(f"{name}_motor", states[name]) for name in ("q", "dq", "ddq")}
     states["temperature"] = 20.0 + 5 * t[:, None] * np.ones(n)
     model = whole_model(robot, both, RESIDUALS[seed % 4], seed=seed, both_sides=seed % 2 == 0)
-    assert_same(model, compiled(tmp_path, c_header(model, "arm")), states, f"seed {seed}:")
+    assert_same(model, compiled(c_header(model, "arm")), states, f"seed {seed}:")
 
 
 def test_a_model_without_effects_errors_or_residual(tmp_path, robot, states):
@@ -81,7 +81,7 @@ def test_a_model_without_effects_errors_or_residual(tmp_path, robot, states):
         noise_std=[0.0] * n,
         domain=([[-9.0, 9.0]] * n, [9.0] * n, [99.0] * n),
     )
-    library = compiled(tmp_path, c_header(model, "arm"))
+    library = compiled(c_header(model, "arm"))
     assert_same(model, library, states)
     assert_same(model, library, {name: states[name] for name in ("q", "dq", "ddq")})
 
@@ -91,7 +91,7 @@ def test_what_is_no_state_is_held_as_the_estimator_holds_it(tmp_path, robot):
     model = whole_model(robot, clean, "deflection", seed=1)
     states = spoiled(clean)
     states["temperature"][30:40, 2] = np.nan
-    tau, terms, std, status = run(compiled(tmp_path, c_header(model, "arm")), states)
+    tau, terms, std, status = run(compiled(c_header(model, "arm"), PLAIN), states)
     for values in (tau, terms, std):
         assert np.isfinite(values).all()
     bad = [0, 50, 60, 61, 70]
@@ -111,7 +111,7 @@ def test_what_is_no_state_is_held_as_the_estimator_holds_it(tmp_path, robot):
 
 def test_another_step_is_another_warm_up(tmp_path, robot, states):
     model = whole_model(robot, states, None, seed=2)
-    library = compiled(tmp_path, c_header(model, "arm"))
+    library = compiled(c_header(model, "arm"), PLAIN)
     _, terms, _ = model.evaluate(**states, step=0.02)
     k = model.term_names.index("thermal_friction")
     assert difference(run(library, states, 0.02)[1], terms)[k].max() <= OF_THE_SIZE
@@ -126,10 +126,10 @@ def test_a_late_torque_channel_at_states_that_come_faster(tmp_path, robot, state
     header = c_header(model, "arm")
     longer = "".join(f"#define ARM_N_{name} 15\n" for name in ("DELAY", "LATE") if f"#ifndef ARM_N_{name}" in header)
     _, terms, status = model.evaluate(**some, step=step)
-    library = compiled(tmp_path, longer + header)
+    library = compiled(longer + header, PLAIN)
     assert difference(run(library, some, step)[1], terms).max() <= OF_THE_SIZE
     np.testing.assert_array_equal(run(library, some, step)[3], status)
-    assert np.all(run(compiled(tmp_path, header), some, step)[3] & 512), "too short a ring is said in every step"
+    assert np.all(run(compiled(header), some, step)[3] & 512), "too short a ring is said in every step"
 
 
 def test_an_effect_too_much_or_too_little_would_be_seen(tmp_path, robot, states):
@@ -141,7 +141,7 @@ def test_an_effect_too_much_or_too_little_would_be_seen(tmp_path, robot, states)
     )
     assert spoilt != header
     _, terms, _ = model.evaluate(**states)
-    off = difference(run(compiled(tmp_path, spoilt), states)[1], terms)
+    off = difference(run(compiled(spoilt, PLAIN), states)[1], terms)
     assert np.all(off[1:].max(axis=1) > 50 * OF_THE_SIZE)
 
 
@@ -174,7 +174,7 @@ ALL_AND_EACH = [0.0123, 0.003, 0.0123, 0.0056, 0.0123, 0.003]
 @pytest.mark.parametrize("standard", ["c99", "c++17"])
 def test_a_late_torque_channel(tmp_path, robot, states, standard, delays):
     model = whole_model(robot, states, None, seed=7).with_torque_delay(delays)
-    library = compiled(tmp_path, c_header(model, "arm"), standard)
+    library = compiled(c_header(model, "arm"), standard)
     assert_same(model, library, states)
     some = {name: values[:40].copy() for name, values in states.items()}
     some["q"][7:9] = np.nan
@@ -190,7 +190,7 @@ def test_an_early_torque_channel_is_left_as_it_is(tmp_path, robot, states):
     header = c_header(plain.with_torque_delay(-0.01), "arm")
     assert "early: joint_1 by 0.01 s, joint_2 by 0.01 s" in header
     assert f"#define ARM_TORQUE_DELAY {(-0.01).hex()} " in header
-    assert_same(plain, compiled(tmp_path, header), states)
+    assert_same(plain, compiled(header, PLAIN), states)
 
 
 def test_one_channel_that_is_early_is_told_by_its_joint(tmp_path, robot, states):
@@ -201,7 +201,7 @@ def test_one_channel_that_is_early_is_told_by_its_joint(tmp_path, robot, states)
     (line,) = (line for line in header.splitlines() if line.startswith("#define ARM_TORQUE_DELAY "))
     assert line.split()[2] == "0x0p+0"
     assert line.endswith("[s]; early: joint_1 by 0.01 s; torques there are those of the state */")
-    library = compiled(tmp_path, header)
+    library = compiled(header, PLAIN)
     assert_same(plain.with_torque_delay(np.maximum(delays, 0.0)), library, states)
 
 
@@ -211,7 +211,7 @@ def test_states_beyond_the_limits(tmp_path, robot, states):
     wild["dq"][50, 1], wild["ddq_motor"][60, 2], wild["q"][70, 0] = 1e6, -1e9, 1e12
     _, _, status = model.evaluate(**wild)
     assert np.flatnonzero(status & 4096).tolist() == [50, 60, 70]
-    assert_same(model, compiled(tmp_path, c_header(model, "arm")), wild)
+    assert_same(model, compiled(c_header(model, "arm")), wild)
 
 
 def test_names_of_a_model_file_are_never_c(tmp_path, robot, states):
@@ -219,7 +219,7 @@ def test_names_of_a_model_file_are_never_c(tmp_path, robot, states):
     assert model.robot.joint_names == NAMES
     header = c_header(model, "arm")
     header.encode("ascii")
-    library = compiled(tmp_path, header)
+    library = compiled(header, PLAIN)
     assert [library.name(0, j).decode() for j in range(6)] == NAMES
     assert [library.name(1, k).decode() for k in range(library.sizes(1))] == model.term_names
     assert library.name(0, 6) == library.name(1, -1) == b""
@@ -290,4 +290,4 @@ def test_one_effect_alone_needs_no_other(tmp_path, robot, states):
         header = c_header(model, "arm")
         defined = set(re.findall(r"static inline \w+ arm_(\w+)\(const double \*shape", header))
         assert defined == {effect.kind}
-        assert_same(model, compiled(tmp_path, header), states, effect.kind)
+        assert_same(model, compiled(header, PLAIN), states, effect.kind)
