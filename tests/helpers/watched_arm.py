@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from scipy.signal import lfilter
 
 from dynid_rs import Recording, RobotModel, Watch, _core
 from dynid_rs.simulation import bundled_robot
@@ -52,9 +53,7 @@ def recorded(seconds, seed=0, *, unit="N*m", change=None, at=0.0):
     rng = np.random.default_rng(seed + 1000)
     keep = np.exp(-STEP / WORTH)
     noise = rng.normal(size=total.shape) * NOISE * np.sqrt(1 - keep**2)
-    for k in range(1, len(noise)):
-        noise[k] += keep * noise[k - 1]
-    tau = total + noise
+    tau = total + lfilter([1.0], [1.0, -keep], noise, axis=0)
     if change is not None:
         load = model().robot.joint_torque_regressor(q, dq, ddq)[:, :, -10:-6]
         tau[t >= at] += change(terms, load)[t >= at]
