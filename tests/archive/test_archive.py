@@ -504,7 +504,7 @@ from helpers.made_runs import MadeRun, arm
 from helpers.processes import peak_bytes
 from dynid_rs import ThreeLoopIdentifier
 from dynid_rs.archive import Archive
-archive = Archive(arm(), [MadeRun(seed, 60.0) for seed in range(int(sys.argv[1]))], memory=200_000_000)
+archive = Archive(arm(), [MadeRun(seed, 30.0) for seed in range(int(sys.argv[1]))], memory=100_000_000)
 archive.check()
 learned = archive.fit(ThreeLoopIdentifier(arm(), residual=None), archive.sample(), None)
 print(archive.n_samples, peak_bytes())
@@ -525,6 +525,6 @@ def test_memory_is_flat_in_the_number_of_runs():
         )
         assert done.returncode == 0, done.stderr
         n_samples, peaks[n_runs] = map(int, done.stdout.split())
-        assert n_samples == n_runs * 60_000
-    # Twelve more runs of 9 MB of signals each; in memory they would take some 500 MB.
-    assert peaks[16] - peaks[4] < 25e6, peaks
+        assert n_samples == n_runs * 30_000
+    # Twelve more runs of 4.5 MB of signals each; in memory they would take some 250 MB.
+    assert peaks[16] - peaks[4] < 12.5e6, peaks

@@ -242,10 +242,17 @@ def finished(folder, model):
     return model.read_bytes()
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The model that is made at once, and names of what is kept on the way."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    return finished(folder / "cache", folder / "model.json"), set(entries_of(folder / "cache"))
+
+
 @pytest.mark.parametrize("killed_at", [3, 11])
-def test_a_kill_loses_at_most_one_run(tmp_path, killed_at):
+def test_a_kill_loses_at_most_one_run(tmp_path, undisturbed, killed_at):
     """Killed in the first pass (8 surveys) and in the second: every entry stays, and the model is the same."""
-    undisturbed = finished(tmp_path / "other", tmp_path / "model.json")
+    model, names = undisturbed
     folder = tmp_path / "cache"
     process = started(folder, tmp_path / "killed.json")
     until = time.monotonic() + 200
@@ -257,11 +264,11 @@ def test_a_kill_loses_at_most_one_run(tmp_path, killed_at):
     assert not (tmp_path / "killed.json").exists()
     kept = entries_of(folder)
     assert killed_at <= len(kept) < 16
-    assert finished(folder, tmp_path / "resumed.json") == undisturbed
+    assert finished(folder, tmp_path / "resumed.json") == model
     now = entries_of(folder)
     assert len(now) == 16
     assert {name: now[name] for name in kept} == kept  # nothing that was there was made again
-    assert set(now) == set(entries_of(tmp_path / "other"))
+    assert set(now) == names
 
 
 @pytest.mark.parametrize(("memory", "compensator"), [("1GB", "mixture"), ("1GB", "rbf"), ("8MB", "mixture")])

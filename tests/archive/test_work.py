@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import functools
 import os
-import signal
-from dataclasses import dataclass
-from pathlib import Path
 
 import joblib
 import pytest
+from helpers.deadly_runs import Broken, Deadly, threads
 from helpers.made_runs import MadeRun, arm
 from helpers.small_arm import dynid, refusal, snapshot, write_robot, write_runs
 
@@ -22,32 +20,8 @@ from dynid_rs.archive.work import RUST_THREADS, Work
 N_RUNS = 6
 
 
-@dataclass(frozen=True)
-class Deadly(MadeRun):
-    """Kills the process that reads it for the `deaths`-th time or before, unless it is this one."""
-
-    folder: Path = Path()
-    deaths: int = 1
-    home: int = 0
-
-    def read(self):
-        died = len(list(self.folder.iterdir()))
-        if died < self.deaths and os.getpid() != self.home:
-            (self.folder / f"{died}").touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().read()
-
-
-@dataclass(frozen=True)
-class Broken(MadeRun):
-    """Cannot be read."""
-
-    def read(self):
-        raise DataError(f"{self.name}: is no run", file=self.name)
-
-
 def sources(deadly=None):
-    runs = [MadeRun(seed, 10.0) for seed in range(N_RUNS)]
+    runs = [MadeRun(seed, 5.0) for seed in range(N_RUNS)]
     if deadly is not None:
         runs[3] = deadly
     return runs
@@ -55,7 +29,7 @@ def sources(deadly=None):
 
 def fitted(work, runs=None):
     """Model and covariance, as bytes."""
-    archive = Archive(arm(), sources() if runs is None else runs, memory=60_000_000, work=work)
+    archive = Archive(arm(), sources() if runs is None else runs, memory=30_000_000, work=work)
     archive.check()
     learned = archive.fit(ThreeLoopIdentifier(arm(), residual=None), archive.sample(), None)
     identifier = learned.identifier
@@ -79,13 +53,14 @@ def test_small_batches_give_the_same_bits(monkeypatch, tmp_path):
 
 
 def test_a_process_that_dies_costs_nothing_but_time(tmp_path):
-    deadly = Deadly(3, 10.0, folder=tmp_path, home=os.getpid())
+    deadly = Deadly(3, 5.0, folder=tmp_path, home=os.getpid())
     assert fitted(Work(n_jobs=2), sources(deadly)) == serial()
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_processes_that_keep_dying_are_one_sentence(tmp_path):
-    deadly = Deadly(3, 10.0, folder=tmp_path, deaths=100, home=os.getpid())
+def test_processes_that_keep_dying_are_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setattr(work_module, "MOST_DEATHS", 1)
+    deadly = Deadly(3, 5.0, folder=tmp_path, deaths=100, home=os.getpid())
     with pytest.raises(ChildProcessError, match=r"a process that worked on made_0 or one of the 5 runs after it died"):
         fitted(Work(n_jobs=2), sources(deadly))
     assert len(list(tmp_path.iterdir())) >= 1 + work_module.MOST_DEATHS
@@ -93,13 +68,8 @@ def test_processes_that_keep_dying_are_one_sentence(tmp_path):
 
 def test_a_run_that_cannot_be_read_elsewhere_is_the_same_sentence():
     with pytest.raises(DataError, match="made_3: is no run") as caught:
-        fitted(Work(n_jobs=2), sources(Broken(3, 10.0)))
+        fitted(Work(n_jobs=2), sources(Broken(3, 5.0)))
     assert caught.value.file == "made_3"
-
-
-def threads(source):
-    del source
-    return {"threads": os.environ.get(RUST_THREADS), "process": os.getpid()}, {}
 
 
 def test_every_process_has_one_thread_of_rust(monkeypatch):
@@ -147,7 +117,7 @@ def test_a_dask_cluster_gives_the_same_bits(cluster):
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_worker_that_is_killed_midway_costs_nothing_but_time(cluster, tmp_path):
     before = set(cluster.run(os.getpid).values())
-    deadly = Deadly(3, 10.0, folder=tmp_path, home=os.getpid())
+    deadly = Deadly(3, 5.0, folder=tmp_path, home=os.getpid())
     with joblib.parallel_config(backend="dask"):
         assert fitted(Work(n_jobs=None), sources(deadly)) == serial()
     assert len(list(tmp_path.iterdir())) == 1
@@ -159,7 +129,7 @@ def test_a_dask_worker_that_is_killed_midway_costs_nothing_but_time(cluster, tmp
 def test_dask_workers_that_keep_dying_are_one_sentence(cluster, tmp_path, monkeypatch):
     """Dask says nothing of a run that killed four workers; how many it kills before the wait ends, the machine says."""
     monkeypatch.setattr(work_module, "LONGEST_UNIT", 20.0)
-    deadly = Deadly(3, 10.0, folder=tmp_path, deaths=100, home=os.getpid())
+    deadly = Deadly(3, 5.0, folder=tmp_path, deaths=100, home=os.getpid())
     with (
         joblib.parallel_config(backend="dask"),
         pytest.raises(ChildProcessError, match=r"died again and again or gave"),
