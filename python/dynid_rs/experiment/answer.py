@@ -106,8 +106,8 @@ def _certainty(section: Section, joints: Sequence[str]) -> list[str]:
     now, then = (section["error_beyond_noise"][name] for name in ("now", "this_motion"))
     worst = max(range(len(now)), key=lambda j: now[j])
     said = [
-        f"anywhere within the limits the error on {shown(joints[worst])}, the least known joint, exceeds the noise by at "
-        f"most {percent(now[worst])} now, and {percent(then[worst])} after this motion (19 times of 20)"
+        f"anywhere within the limits the error on {shown(joints[worst])}, the least known joint, exceeds the noise by "
+        f"at most {percent(now[worst])} now, and {percent(then[worst])} after this motion (19 times of 20)"
     ]
     if not section["is_wanted"]:
         said.append("no question that is open would rather be settled, and only noise is left: nothing more to record")

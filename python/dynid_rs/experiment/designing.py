@@ -62,9 +62,9 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """By how much the error anywhere within the limits exceeds the noise at most, as a share of it, (n_joints,): 19 times of 20.
+    """By how much the error anywhere within the limits exceeds the noise at most, as a share of it, (n_joints,).
 
-    After the runs so far; after the designed motion, random motion and the exciting one.
+    That holds 19 times of 20. After the runs so far; after the designed motion, random motion and the exciting one.
     """
 
     now: FloatArray

@@ -114,11 +114,11 @@ class Worth:
         return 0.5 * float(np.linalg.slogdet(known + wanted)[1] - np.linalg.slogdet(known)[1])
 
     def excess(self, told: Told | None = None) -> FloatArray:
-        """By how much the error within the limits exceeds the noise at most, as a share of it, (n_joints,): 19 times of 20.
+        """By how much the error within the limits exceeds the noise at most, as a share of it, (n_joints,).
 
-        What is wrong of a row x of joint j, ``x'd`` with d of the covariance ``P^-1``, has the mean square ``d'G_j d``: a
-        sum of squares with the mean ``tr A``, ``A = P^-1 G_j``, and the variance ``2 tr A^2``, like chi-squared of
-        ``(tr A)^2 / tr A^2`` degrees of freedom (Satterthwaite 1946). The root mean square error is
+        That holds 19 times of 20. What is wrong of a row x of joint j is ``x'd``, d of the covariance ``P^-1``. Its mean
+        square ``d'G_j d`` is a sum of squares with the mean ``tr A``, ``A = P^-1 G_j``, and the variance ``2 tr A^2``,
+        like chi-squared of ``(tr A)^2 / tr A^2`` degrees of freedom (Satterthwaite 1946). The root mean square error is
         ``sqrt(1 + d'G_j d)`` times the noise.
         """
         from scipy.special import chdtri
