@@ -117,9 +117,9 @@ class Worth:
         """By how much the error within the limits exceeds the noise at most, as a share of it, (n_joints,).
 
         That holds 19 times of 20. What is wrong of a row x of joint j is ``x'd``, d of the covariance ``P^-1``. Its
-        mean square ``d'G_j d`` is a sum of squares with the mean ``tr A``, ``A = P^-1 G_j``, and the variance ``2 tr A^2``,
-        like chi-squared of ``(tr A)^2 / tr A^2`` degrees of freedom (Satterthwaite 1946). The root mean square error is
-        ``sqrt(1 + d'G_j d)`` times the noise.
+        mean square ``d'G_j d`` is a sum of squares with the mean ``tr A``, ``A = P^-1 G_j``, and the variance
+        ``2 tr A^2``, like chi-squared of ``(tr A)^2 / tr A^2`` degrees of freedom (Satterthwaite 1946). The root mean
+        square error is ``sqrt(1 + d'G_j d)`` times the noise.
         """
         from scipy.special import chdtri
 
