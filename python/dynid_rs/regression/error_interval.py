@@ -65,9 +65,17 @@ class MeanSquare:
         if n < LEAST_ROWS or value <= 0.0:
             return None
         squares = error**2 / value
-        blocks = np.array([part.mean() for part in np.array_split(squares, N_BLOCKS)])
+        blocks = _means_of_parts(squares)
         cosines = dct(squares, norm="ortho")[1 : N_COSINES + 1] / np.sqrt(n)
         return MeanSquare(value, cosines, blocks, square_memory(error) / n)
+
+
+def _means_of_parts(values: FloatArray) -> FloatArray:
+    """Means of `N_BLOCKS` parts that follow each other, the first ones longer by a row where they cannot be equal."""
+    size, n_longer = divmod(len(values), N_BLOCKS)
+    edge = n_longer * (size + 1)
+    parts = values[:edge].reshape(n_longer, size + 1), values[edge:].reshape(N_BLOCKS - n_longer, size)
+    return np.concatenate([part.mean(axis=1) for part in parts])
 
 
 def rmse_interval(comparisons: Sequence[Comparison]) -> list[Interval | None]:
