@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from functools import cache
 
 import pytest
 from helpers.data import ROOT
@@ -76,6 +77,12 @@ def module_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
+def known_modules():
+    """Dotted names of all modules of the package."""
+    return frozenset(module_of(path) for path in MODULES)
+
+
 def room_of(module):
     """Room of a dotted name; the command line's doors are part of the commands, the package itself is the face."""
     parts = module.split(".")
@@ -84,11 +91,16 @@ def room_of(module):
     return "commands" if parts[1] in ("cli", "__main__") else parts[1]
 
 
+@cache
 def imports_of(path, *, at_run_time=False):
     """Every module that a file imports, absolute, wherever the import stands: (line, dotted name).
 
     `at_run_time`: less what stands under TYPE_CHECKING.
     """
+    return tuple(_imports(path, at_run_time))
+
+
+def _imports(path, at_run_time):
     inside = path.relative_to(PACKAGE.parent).with_suffix("").parts
     package = inside[:-1]
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -110,12 +122,13 @@ def imports_of(path, *, at_run_time=False):
             yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
 
 
+@cache
 def siblings_of(path, *, at_run_time=False):
     """Modules of the package that a file imports, itself left out: (line, dotted name).
 
     ``from package import module`` names the module; what else a package hands on stands for the package.
     """
-    known = {module_of(module) for module in MODULES}
+    known = known_modules()
     lines = {}
     for line, imported in imports_of(path, at_run_time=at_run_time):
         lines.setdefault(line, []).append(imported)
@@ -182,7 +195,7 @@ def test_the_ground_needs_no_heavy_library(room):
 
 def test_nothing_imports_from_the_package_itself():
     """Its names are for users; inside, a name comes from the module it lives in."""
-    known = {module_of(path) for path in MODULES}
+    known = known_modules()
     for path in MODULES:
         for line, imported in imports_of(path):
             parts = imported.split(".")
