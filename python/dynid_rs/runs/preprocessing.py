@@ -203,8 +203,12 @@ class States:
 
     def velocity_noise(self, j: int) -> float:
         """Standard deviation of joint j's motor-side velocity above the band [rad/s], by its median."""
-        above = self.dq_motor[:, j] - self.band.apply(self.dq_motor[:, j], self.rate)
-        return float(np.median(np.abs(above)) / 0.6745)
+        return self._velocity_noise[j]
+
+    @cached_property
+    def _velocity_noise(self) -> list[float]:
+        above = (speed - self.band.apply(speed, self.rate) for speed in self.dq_motor.T)
+        return [float(np.median(np.abs(own)) / 0.6745) for own in above]
 
     def in_band(self, x: FloatArray) -> FloatArray:
         """`x` (n, ...) through the band's filter, at the rows of the fit."""
