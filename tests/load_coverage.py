@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -59,15 +60,22 @@ def drawn_tool(rng):
     return box_parameters(mass, centre, rng.uniform(0.03, 0.15, 3))
 
 
+@lru_cache(maxsize=1)  # of an arm that is weighed with its tool and then without
+def learned(seed, elastic, duration):
+    """The drawn arm and tool, and what runs without the tool tell of the arm."""
+    rng = np.random.default_rng([seed, elastic])
+    arm, tool = drawn_arm(rng, elastic=elastic), drawn_tool(rng)
+    with threadpool_limits(1):
+        runs = simulate(arm, n_runs=2, duration=duration, seed=2 * seed, tracking=Tracking()).recordings
+        return arm, tool, ThreeLoopIdentifier(arm.robot, residual=None).fit(runs)
+
+
 def weighed(seed, *, elastic, carried=True, duration=None, loaded_for=WEIGHED):
     """The load as it is weighed, and the truth (10,): mass, centre, inertia about it; zeros with nothing `carried`."""
-    rng = np.random.default_rng([seed, elastic])
-    arm, tool = drawn_arm(rng, elastic=elastic), drawn_tool(rng) * carried
+    arm, tool, fit = learned(seed, elastic, LEARNED[seed % len(LEARNED)] if duration is None else duration)
+    tool = tool * carried
     loaded = replace(arm, phi=arm.phi + np.pad(tool, (len(arm.phi) - len(tool), 0)))
-    duration = LEARNED[seed % len(LEARNED)] if duration is None else duration
     with threadpool_limits(1):
-        learned = simulate(arm, n_runs=2, duration=duration, seed=2 * seed, tracking=Tracking()).recordings
-        fit = ThreeLoopIdentifier(arm.robot, residual=None).fit(learned)
         runs = simulate(loaded, n_runs=2, duration=loaded_for, seed=2 * seed + 1, tracking=Tracking()).recordings
         return weigh_load(fit.model_, runs, doubt=Doubt.of(fit)), _body(tool, np.eye(3), np.zeros(3))
 
