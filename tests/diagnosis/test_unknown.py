@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -124,19 +125,22 @@ def test_clean_runs_leave_nothing():
     assert found.left == []
 
 
+@cache
 def cable(size):
-    """Runs of an arm with a cable that is drawn tight at one end of the elbow's way."""
+    """Runs of an arm with a cable that is drawn tight at one end of the elbow's way, and what is found in them."""
     arm = rigid()
 
     def tight(signals):
         slack = signals.q[:, 1] - 0.3
         return np.expm1(np.maximum(slack, 0.0) / 0.2)
 
-    return recorded(equip(arm, [Nameless("nameless", (1,), size * arm.noise_std[1], torque=tight)]))
+    runs = recorded(equip(arm, [Nameless("nameless", (1,), size * arm.noise_std[1], torque=tight)]))
+    return runs, found_in(runs)
 
 
 def test_what_has_no_name_says_nothing_new_beyond_its_runs():
-    model = found_in(cable(6.0)).after.model_
+    _, found = cable(6.0)
+    model = found.after.model_
     ended = [dict(effect.shape) for effect, _ in model.effects if "held_from" in dict(effect.shape)]
     assert ended
     assert [[shape["held_from"][1], shape["held_to"][1]] for shape in ended] == [list(model.domain[0][1])] * len(ended)
@@ -145,8 +149,7 @@ def test_what_has_no_name_says_nothing_new_beyond_its_runs():
 @pytest.mark.parametrize("size", [2.0, 6.0])
 def test_a_cable_that_is_drawn_tight_is_no_cylinder(size):
     """What bends once at an end of the way fits a cylinder or a spring nearly; the rest of it is told by the angle."""
-    runs = cable(size)
-    found = found_in(runs)
+    runs, found = cable(size)
     assert {kind for kind, _ in names(found)} <= {"unknown"}
     before, after = errors(found, runs[2:])
     assert np.all(after <= NO_HARM * before)
