@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -33,9 +34,16 @@ def asked(story: Story, folder: Path, command: str = "inspect") -> list[Said]:
     return said_by(answer(command, folder / ROBOT, paths, folder / "out"))
 
 
-def told(name: str, folder: Path, command: str = "inspect") -> tuple[Story, list[Said]]:
-    story = draw_story(name, clean_set(), VARIANT.get(name, 0))
-    return story, asked(story, folder, command)
+def drawn(name: str) -> Story:
+    return draw_story(name, clean_set(), VARIANT.get(name, 0))
+
+
+@functools.cache
+def inspected(name: str) -> tuple[Story, list[Said]]:
+    """A story of a class, and what `dynid inspect` says of it."""
+    story = drawn(name)
+    with tempfile.TemporaryDirectory(prefix="dynid-tests-") as folder:
+        return story, asked(story, Path(folder))
 
 
 def test_the_generator_imports_nothing_of_the_product():
@@ -50,8 +58,8 @@ def test_the_generator_imports_nothing_of_the_product():
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_every_class_is_found_and_named_right(name, tmp_path):
-    story, said = told(name, tmp_path)
+def test_every_class_is_found_and_named_right(name):
+    story, said = inspected(name)
     mark = judge(said, story.wanted)
     assert mark.named, f"{story.what}: {mark.wrong}"
 
@@ -64,10 +72,10 @@ def test_a_clean_set_raises_no_alarm(tmp_path):
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
 @pytest.mark.parametrize("name", ["swapped joints", "unit of time", "wrap"])
 def test_all_commands_say_the_same(name, command, tmp_path):
-    story, inspected = told(name, tmp_path / "inspect")
-    _, said = told(name, tmp_path / command, command)
+    story, before = inspected(name)
+    said = asked(drawn(name), tmp_path, command)
     assert judge(said, story.wanted).named
-    first = next(one for one in inspected if one.severity == "error")
+    first = next(one for one in before if one.severity == "error")
     again = next(one for one in said if one.severity == "error")
     assert (again.code, again.file, again.column, again.mend) == (first.code, first.file, first.column, first.mend)
 
