@@ -51,8 +51,20 @@ def fitted(recordings):
     return ThreeLoopIdentifier(robot(), residual=None).fit(recordings)
 
 
+@cache
+def clean_fit(seed=0, duration=20.0):
+    """What the first three runs of the clean arm tell; whoever takes it only reads it."""
+    return fitted(runs(seed=seed, duration=duration)[1][:3])
+
+
 def states(recordings):
     return prepare_training_runs(recordings, choose_band(recordings), common_rate(recordings))
+
+
+@cache
+def clean_states():
+    """The first three short runs of the clean arm, prepared."""
+    return states(runs(duration=8.0)[1][:3])
 
 
 @pytest.mark.parametrize("encoder_delay", [0.0, 0.0028, 0.01])
@@ -77,7 +89,7 @@ def test_one_delay_of_all_torque_channels_is_recovered(delay_ms):
 def test_clean_arms_have_no_contact():
     for seed in range(CLEAN_SEEDS):
         _, recordings = runs(seed=seed, duration=8.0)
-        fit = fitted(recordings[:3])
+        fit = clean_fit(seed, 8.0)
         assert not find_contacts(fit, fit.raw_runs_), seed
         assert not find_contacts(fit, fit.raw_runs_, [fit.states(recordings[3])]), seed
 
@@ -96,7 +108,7 @@ def test_pushes_are_found_in_training_and_test_runs_and_nothing_else():
             found += 1
     assert found == sum(len(arm.effects[0].pushes) for arm in sim.arms)
     # What is excluded is not fitted: the arm's noise is all that is left, as without any push.
-    clean = fitted(runs()[1][:3]).links_.noise_std_
+    clean = clean_fit().links_.noise_std_
     np.testing.assert_allclose(fit.links_.noise_std_, clean, rtol=0.15)
     test = setup.identifier(residual=None).fit(recordings[:3]).states(recordings[3])
     for start, end in setup.excluded[recordings[3].name]:
@@ -118,7 +130,7 @@ def test_pushes_are_neither_fitted_nor_named_and_do_not_hide_a_delay():
 
 
 def test_excluded_samples_keep_a_guard_for_the_filter():
-    run = states(runs(duration=8.0)[1][:3])[0]
+    run = clean_states()[0]
     left = without(run, [(3.0, 4.0)])
     guard = 1 / run.band.cutoff
     np.testing.assert_array_equal(left.moving, run.moving & ((run.t < 3.0 - guard) | (run.t > 4.0 + guard)))
@@ -200,7 +212,7 @@ def test_a_file_of_equal_links_tells_no_unit():
     )
     arm = dyn.RobotModel.from_urdf_string(filled)
     assert not declares_inertia(arm)
-    assert channel_findings(arm, states(runs(duration=8.0)[1][:3])) == []
+    assert channel_findings(arm, clean_states()) == []
 
 
 @pytest.mark.parametrize("link", ["upper_arm", "elbow", "forearm"])
@@ -211,7 +223,7 @@ def test_a_robot_file_that_leaves_out_one_link(link):
     arm, recordings = dyn.RobotModel.from_urdf_string(left_out), runs(duration=8.0)[1][:3]
     assert declares_inertia(arm)
     assert np.count_nonzero(arm.phi.reshape(6, 10).any(axis=1)) == 5
-    assert channel_findings(arm, states(recordings)) == []
+    assert channel_findings(arm, clean_states()) == []
     findings = channel_findings(arm, states(changed(recordings, tau=(SWAPPED, 1.0))))
     assert [finding.code for finding in findings] == ["torque_swapped"]
 
@@ -225,7 +237,7 @@ def test_torque_on_the_motor_side_names_the_gears_and_every_flipped_joint_is_nam
 
 
 def test_channels_that_are_what_they_are_called_say_nothing():
-    assert not channel_findings(robot(), states(runs(duration=8.0)[1][:3]))
+    assert not channel_findings(robot(), clean_states())
 
 
 def test_a_wrong_channel_ends_the_diagnosis_with_a_sentence_and_no_effect():
@@ -348,7 +360,7 @@ def test_a_push_at_one_of_few_reversals_is_told_by_the_others(at):
     pushed = recordings[3]
     tau = pushed.tau.copy()
     tau[:, 1] += 20.0 * np.exp(-(((pushed.t - pushed.t[0] - at) / 0.2) ** 2))
-    fit = fitted(recordings[:3])
+    fit = clean_fit(duration=8.0)
     (contact,) = find_contacts(fit, fit.raw_runs_, [fit.states(replace(pushed, tau=tau))])
     assert contact.most == 1
     assert abs((contact.start + contact.end) / 2 - pushed.t[0] - at) < 0.3
@@ -400,7 +412,7 @@ def test_a_push_in_a_pause_is_seen_and_what_an_arm_does_by_itself_there_is_not(w
         q=np.concatenate([run.q, np.tile(run.q[-1], (n_more, 1))]),
         tau=what(np.concatenate([run.tau, held]), t - stop),
     )
-    fit = fitted(recordings[:3])
+    fit = clean_fit()
     found = find_contacts(fit, fit.raw_runs_, [fit.states(longer)])
     if what is not pushed_at_rest:
         assert not found
