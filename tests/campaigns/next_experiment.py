@@ -4,9 +4,9 @@ python tests/campaigns/next_experiment.py --seed N [--open 100] [--minutes 60] [
                                           [--keep FILE.json]
 
 Arms and effects are drawn from the seed by the exam's generator until so many are open (a tie, a miss, or a wrong
-name), or the time is over. Each is then moved on, in at most two motions of 20 s within the robot file's positions and
-no faster than its minute: as `dyn.next_experiment` designs them, at random, and as `FourierExcitation` excites the
-parameters best. With --keep what was found stays in FILE, and the same command goes on where it broke off.
+name), or the time is over. Each is then moved on, in at most two motions of 20 s within the robot file's limits, as the
+commands take them where none are given: as `dyn.next_experiment` designs them, at random, and as `FourierExcitation`
+excites the parameters best. With --keep what was found stays in FILE, and the same command goes on where it broke off.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def _moved_on(arm: Arm, robot: dyn.RobotModel, first: dyn.Diagnosis, way: str) -
 
 def _planned(arm: Arm, found: dyn.Diagnosis, robot: dyn.RobotModel, way: str, k: int) -> tuple[Motion, Figures]:
     """The k-th motion of a way, and what is said of it beforehand."""
-    limits, start, seed = wide(arm, robot), arm.limits["middle"], 10 * arm.truth["seed"] + k
+    limits, start, seed = ExcitationLimits.of_robot(robot), arm.limits["middle"], 10 * arm.truth["seed"] + k
     options = {"duration": SECONDS, "start": start, "criterion": "condition", "random_state": seed}
     if way == "designed":
         began = time.process_time()
@@ -172,11 +172,6 @@ def limits_of(arm: Arm, position: Any = None) -> ExcitationLimits:
     both: Callable[[str], Any] = lambda name: np.array([[-1.0], [1.0]]) * used[name]  # noqa: E731
     position = used["middle"] + both("position") if position is None else position
     return ExcitationLimits(position=position, velocity=both("velocity"), acceleration=both("acceleration"))
-
-
-def wide(arm: Arm, robot: dyn.RobotModel) -> ExcitationLimits:
-    """Positions within the robot file's limits, as fast as the minute was."""
-    return limits_of(arm, ExcitationLimits.of_robot(robot).position)
 
 
 def diagnosed(arm: Arm, robot: dyn.RobotModel, runs: Sequence[Path]) -> dyn.Diagnosis:

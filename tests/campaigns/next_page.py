@@ -26,8 +26,8 @@ of .3 to .5 times the noise by what the declared model leaves of it in a minute 
 harmonics, moves, stop and go, poor motion); where such an effect cannot be made so small it is larger, and where an arm
 shows none of its kind another one stands in, of any kind of the exam. *Open* are the cases in which the effect has no
 name after that minute, is told as one of two, or stands beside a false name. They are moved on by at most two motions
-of 20 s within the robot file's positions and the minute's speeds and accelerations, and diagnosed anew on all runs.
-*Settled*: the effect is named, told apart, and nothing else is.
+of 20 s within the robot file's limits, with the accelerations that the commands take where none are given, and
+diagnosed anew on all runs. *Settled*: the effect is named, told apart, and nothing else is.
 
 """
 
