@@ -17,7 +17,6 @@ from dynid_rs import RobotModel
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.diagnosis import rivals as rivals_module
 from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.candidates import SPREAD
 from dynid_rs.diagnosis.rivals import Contest, is_one_cause, settle_rivals, valued, weigh_rivals
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
@@ -129,28 +128,28 @@ def test_a_spring_along_a_short_way_may_be_a_cylinder():
 
 @pytest.mark.parametrize(("true", "is_there"), [("friction_hysteresis", True), ("joint_spring", False)])
 def test_a_shape_that_was_looked_for_has_the_price_of_its_step_of_the_grid(true, is_there):
-    """Against the evidence of many shapes around it, each as likely beforehand as its distance says."""
+    """Against the mean evidence of many shapes over all cells of the grid, each as likely beforehand."""
     arm = with_effects(rigid(), f"{true}:elbow:1")
     belief = Belief.in_declared(Setup(ROBOT), recorded(arm)[:2])
     beside, catalogue = belief.beside, belief.catalogue
     grid = [s for s in catalogue.grid if (s.kind, s.joints) == ("friction_hysteresis", (1,))]
     start = max(catalogue.of(grid), key=lambda h: beside.screened([h])[0].value)
     best = polished(beside, catalogue, start)
-    ((name, value),) = best.shape
-    far = np.linspace(-6.0, 6.0, 121)
+    ((name, _),) = best.shape
 
     def evidence(shape):
         (h,) = catalogue.of([shape])
         columns = beside.evidence_for(replace(h, sizes=SIZES))[1]
         return beside.with_columns(columns).best.evidence - beside.best.evidence
 
-    around = [evidence(Shaped(best.kind, best.joints, ((name, value * np.exp(SPREAD * z)),))) for z in far]
-    averaged = logsumexp(np.array(around) - 0.5 * far**2) + np.log((far[1] - far[0]) / np.sqrt(2 * np.pi))
-    scores = [score.value for score in beside.screened([best, *catalogue.of(grid)])]
-    of_grid = logsumexp(scores) - scores[0] - np.log(len(grid))
+    values = np.log([dict(shaped.shape)[name] for shaped in grid])
+    half = float(np.ptp(values)) / (len(grid) - 1) / 2
+    even = np.exp(np.linspace(values.min() - half, values.max() + half, 120))
+    around = [evidence(Shaped(best.kind, best.joints, ((name, x),))) for x in even.tolist()]
+    averaged = float(logsumexp(around)) - np.log(len(even))
     found = valued(beside, catalogue, best).value
-    price = found - of_grid - evidence(Shaped(best.kind, best.joints, best.shape))
-    assert found == pytest.approx(averaged + of_grid, abs=1.0)  # shapes far away are no straight line
+    price = found - evidence(Shaped(best.kind, best.joints, best.shape))
+    assert found == pytest.approx(averaged, abs=1.0)  # shapes far away are no straight line
     assert (price < -1.5) == is_there  # what is not there is as good in any shape
 
 

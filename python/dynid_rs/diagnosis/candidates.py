@@ -6,6 +6,7 @@ same with quite another shape, that one is a candidate beside it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.shaped import Place, Shape, Shaped, is_valid
+from dynid_rs.diagnosis.shapes import Parameter, searched
 from dynid_rs.diagnosis.trials import Value
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.linear_model import Columns
@@ -22,9 +24,10 @@ FloatArray = NDArray[np.float64]
 
 PHASE = "phase"
 """The shape parameter that is an angle."""
-SPREAD, STEP = 0.5, 0.1
-"""How far the logarithm of a shape parameter, or a phase [rad], may be off beforehand (half a step of the grids), and
-the step of slopes."""
+STEP = 0.1
+"""Of slopes, in the logarithm of a shape parameter or in its own unit."""
+LONE = 0.5
+"""How far a shape parameter may be off beforehand whose value stands alone in its grid."""
 SHAPES, ALIVE = 6, 6.0
 """Shapes of a kind that are kept at most, and nats behind the best up to which one is: e^6 to 1 is refuted."""
 LOOKED_AT = 48
@@ -79,7 +82,7 @@ def alive(
     )
     chosen = [own]
     for k in np.argsort(-scores, kind="stable")[:LOOKED_AT].tolist():
-        if len(chosen) < 2 * most and all(_distance(grid[k], other) > APART for other in chosen):
+        if len(chosen) < 2 * most and all(distance(grid[k], other) > APART for other in chosen):
             chosen.append(grid[k])
     every = [h, *catalogue.of(chosen[1:])]
     found = []
@@ -105,15 +108,33 @@ def _free(width: int) -> FloatArray:
     return np.tile([-np.inf, np.inf], (width, 1))
 
 
-def _distance(one: Shaped, other: Shaped) -> float:
-    """Of two shapes of a kind, in spreads of each parameter."""
-    apart = [0.0]
+def distance(one: Shaped, other: Shaped) -> float:
+    """Of two shapes of a kind, in spreads of each parameter; what is not searched is the same or another shape."""
+    free, apart = {parameter["name"]: parameter for parameter in searched(one.kind)}, [0.0]
     for (name, a), (_, b) in zip(one.shape, other.shape, strict=True):
-        if name == PHASE:
-            apart.append(abs((a - b + np.pi) % (2 * np.pi) - np.pi) / SPREAD)
-        elif a != b:
-            apart.append(abs(float(np.log(a / b))) / SPREAD if a * b > 0 else np.inf)
+        if a != b:
+            apart.append(_between(free[name], a, b) / spread(free[name], a) if name in free else np.inf)
     return float(np.linalg.norm(apart))
+
+
+def _between(parameter: Parameter, a: float, b: float) -> float:
+    """From one value of a shape parameter to another: a ratio's logarithm, or on a turn, or a difference."""
+    if parameter["scale"] == "log":
+        return abs(float(np.log(a / b))) if a * b > 0 else np.inf
+    return abs((a - b + np.pi) % (2 * np.pi) - np.pi) if parameter["name"] == PHASE else abs(a - b)
+
+
+def spread(parameter: Parameter, value: float) -> float:
+    """How far a shape parameter may be from its value in the grid beforehand, as a logarithm where it has a scale.
+
+    Normal distributions about all values of an even grid add up to the density of its cells, one over the step, where
+    they are as wide as the step over the root of two pi.
+    """
+    scaled = parameter["scale"] == "log"
+    grid = [np.log(abs(x)) if scaled else x for x in parameter["grid"] if not scaled or x * value > 0]
+    if len(grid) < 2:
+        return LONE
+    return float(np.ptp(grid)) / (len(grid) - 1) / math.sqrt(2 * math.pi)
 
 
 def with_slopes(catalogue: Catalogue, h: Candidate | Hypothesis, mean: FloatArray, columns: Columns) -> Columns:
@@ -122,18 +143,19 @@ def with_slopes(catalogue: Catalogue, h: Candidate | Hypothesis, mean: FloatArra
     Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
     `mean` (k,) of its own coefficients, over their units.
     """
-    names = free_shape(h) if h.kind in CATALOGUE else []
-    if not names:
+    free = free_shape(h) if h.kind in CATALOGUE else []
+    if not free:
         return columns
     own = Shaped(h.kind, h.joints, h.shape)
     size = h.unit * mean
-    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in names]
+    steps = [(_moved(own, parameter, -STEP), _moved(own, parameter, STEP)) for parameter in free]
     ends = iter(catalogue.of([shaped for pair in steps for shaped in pair]))
     slopes: dict[int, list[FloatArray]] = {j: [] for j in columns}
-    for low, high in zip(ends, ends, strict=True):
+    for parameter, low, high in zip(free, ends, ends, strict=True):
+        off = spread(parameter, dict(own.shape)[parameter["name"]])
         for j, parts in slopes.items():
             torque = [end.columns[j] @ (size / np.where(end.unit > 0, end.unit, np.inf)) for end in (low, high)]
-            parts.append(SPREAD * (torque[1] - torque[0]) / (2 * STEP))
+            parts.append(off * (torque[1] - torque[0]) / (2 * STEP))
     return {j: np.column_stack([part, *slopes[j]]) for j, part in columns.items()}
 
 
@@ -142,22 +164,22 @@ def width_of(candidate: Candidate) -> int:
     return len(candidate.unit) + (len(free_shape(candidate)) if candidate.kind in CATALOGUE else 0)
 
 
-def free_shape(h: Candidate | Hypothesis) -> list[str]:
-    """Shape parameters that may be others: sizes and phases, where a little less and more is a shape too."""
+def free_shape(h: Candidate | Hypothesis) -> list[Parameter]:
+    """Shape parameters that lie between the grid's values too, where a little less and more is a shape."""
     own = Shaped(h.kind, h.joints, h.shape)
     return [
-        name
-        for name, value in h.shape
-        if name != "partner"
-        and (name == PHASE or value != 0.0)
-        and all(is_valid(own.kind, _moved(own, name, step).shape) for step in (-STEP, STEP))
+        parameter
+        for parameter in searched(h.kind)
+        if (parameter["scale"] == "linear" or dict(h.shape)[parameter["name"]] != 0.0)
+        and all(is_valid(own.kind, _moved(own, parameter, step).shape) for step in (-STEP, STEP))
     ]
 
 
-def _moved(own: Shaped, name: str, step: float) -> Shaped:
-    """A shape with one parameter moved: a phase by the step, what is a size by a factor of as much."""
-    value = dict(own.shape)[name]
-    return own.with_shape(name, value + step if name == PHASE else value * (1 + step))
+def _moved(own: Shaped, parameter: Parameter, step: float) -> Shaped:
+    """A shape with one parameter moved: what has a scale by a factor, all else by the step."""
+    value = dict(own.shape)[parameter["name"]]
+    moved = value * (1 + step) if parameter["scale"] == "log" else value + step
+    return own.with_shape(parameter["name"], moved)
 
 
 def size_of(h: Hypothesis, columns: Columns) -> float:

@@ -198,14 +198,25 @@ def open_questions(
             answers[place] = add(against.own, against.beside, [at for _, at in own_places[place]])
         return answers[place]
 
+    def ask_of_functions(answer: Answer, against: Contest) -> None:
+        """If it is there, it will have to be told from any function too."""
+        kind, (j, *_) = against.own.hypothesis.place
+        if of_angle(kind, j) and len(questions) < MOST:
+            functions, odds = rival_functions(belief.catalogue, kind, j, against)
+            if abs(odds) <= SURE:
+                questions.append(Question(answer, put(functions), odds))
+
     answers: dict[Place, Answer] = {}
     own_places = belief.by_place()
     ties = _ties(belief, contests)
-    for asked in ties[:MOST]:
+    for asked in ties:
+        if len(questions) >= MOST:
+            break
         against = contests[asked.place]
         first = own(asked.place)
         second = add(against.rivals[asked.other], against.beside, [at for _, at in own_places[asked.place]])
         questions.append(Question(first, second, asked.log_odds))
+        ask_of_functions(second, replace(against, own=against.rivals[asked.other]))
     open_laws = {p: own_angle(p[1][0]) for p, named in belief.named.items() if named.another_function is not None}
     for (kind, joints), argument in {**open_laws, **without_name}.items():
         if argument == own_angle(joints[0]) and of_angle(kind, joints[0]) and len(questions) < MOST:
@@ -219,14 +230,11 @@ def open_questions(
     for value, log_odds in edges:
         if len(questions) >= MOST:
             break
-        first, (kind, joints) = add(value, belief.beside), value.hypothesis.place
+        first = add(value, belief.beside)
         questions.append(Question(first, Answer(), log_odds))
-        if log_odds >= 0.0 and of_angle(kind, joints[0]) and len(questions) < MOST:
-            # It is there, and will have to be told from any function too.
-            against = Contest(belief.beside, valued(belief.beside, belief.catalogue, value.hypothesis), {})
-            functions, odds = rival_functions(belief.catalogue, kind, joints[0], against)
-            if abs(odds) <= SURE:
-                questions.append(Question(first, put(functions), odds))
+        if log_odds >= 0.0:
+            own_value = valued(belief.beside, belief.catalogue, value.hypothesis)
+            ask_of_functions(first, Contest(belief.beside, own_value, {}))
     asked_already = {value.hypothesis.place for value, _ in edges}
     silent = [h for h in may_pass if h.place not in asked_already]
     for value, log_odds in _silent(belief.beside, silent, float(np.log(n_places))):

@@ -18,7 +18,7 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.candidates import size_of, with_slopes
+from dynid_rs.diagnosis.candidates import distance, size_of, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
@@ -74,7 +74,7 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     """Evidence of a kind, `h` its best shape: averaged over the shapes around that and over its grid, alike beforehand.
 
     Between the grid's values lies a shape that suits the noise too, so one that was looked for there has its price: the
-    part of its step of the grid that the data leave, by its slopes.
+    part of its cell of the grid that the data leave, by its slopes.
 
     Rivals are compared where samples are worth the same to both, as many as to the model that has the torque, and under
     the same sizes beforehand: a kind that expects more than there is would lose to a function for that alone.
@@ -89,7 +89,9 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     value = after.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
     shapes = [s for s in catalogue.grid if (s.kind, s.joints) == h.place]
     if shapes:
-        others = catalogue.of([s for s in shapes if s.shape != h.shape])
+        own = Shaped(h.kind, h.joints, h.shape)
+        cell = min(shapes, key=lambda s: distance(s, own))
+        others = catalogue.of([s for s in shapes if s != cell])
         scores = [score.value for score in beside.screened([h, *others])]
         value += float(logsumexp(scores) - scores[0] - np.log(len(shapes)))
     return Value(value, h, columns)

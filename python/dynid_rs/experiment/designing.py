@@ -91,7 +91,7 @@ class NextExperiment:
         Of the designed motion; on average of random motions of the same length; of the motion that excites the
         parameters best (`design`'s criterion).
     random_times : float or None
-        How many times as long random motion has to be to tell as much; None where 64 times are too few.
+        How many times as long random motion has to be to tell as much (median); None where 64 times are too few.
     excess : Excess
         How sure the torque within the limits is.
     n_evaluations : int
@@ -282,7 +282,7 @@ def design_next(
         Compared(tuple(worth.chances(told)), nats),
         Compared(_mean_of([worth.chances(one) for one in each]), float(np.mean([value for value, _ in known[1:]]))),
         Compared(tuple(worth.chances(exciting)), known[0][0]),
-        _times(led, Told.mean(of_random), nats),
+        _times(led, of_random, nats),
         excess,
         search.n_evaluations,
     )
@@ -343,13 +343,22 @@ def _mean_of(chances: Sequence[Sequence[Chance]]) -> tuple[Chance, ...]:
     )
 
 
-def _times(worth: Worth, mean: Told, nats: float) -> float | None:
-    """How many times as long random motion, which tells `mean` in one length, has to be to tell so many nats."""
+def _times(worth: Worth, each: Sequence[Told], nats: float) -> float | None:
+    """How many times as long a random motion has to go on to tell so many nats: the median; None beyond `LONGEST`.
+
+    It tells as much in every further length as in the first. (The mean of several shows more poses than any of them.)
+    """
+    middle = float(np.median([_multiple(worth, told, nats) for told in each]))
+    return None if middle > LONGEST else middle
+
+
+def _multiple(worth: Worth, told: Told, nats: float) -> float:
+    """How many times what a motion tells is worth so many nats, infinite beyond `LONGEST`."""
     from scipy.optimize import brentq
 
-    if worth.nats(mean * LONGEST) < nats:
-        return None
-    if worth.nats(mean * (1 / LONGEST)) > nats:
+    if worth.nats(told * LONGEST) < nats:
+        return np.inf
+    if worth.nats(told * (1 / LONGEST)) > nats:
         return 0.0
     most = float(np.log2(LONGEST))
-    return float(2.0 ** brentq(lambda k: worth.nats(mean * float(2.0**k)) - nats, -most, most))
+    return float(2.0 ** brentq(lambda k: worth.nats(told * float(2.0**k)) - nats, -most, most))
