@@ -18,7 +18,7 @@ from dynid_rs import Recording
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.along import NEEDS_MORE, Along, Told, is_designable
 from dynid_rs.diagnosis.any_function import _as_rough, _window, own_angle
-from dynid_rs.diagnosis.candidates import LONE, STEP, free_shape, spread, with_slopes
+from dynid_rs.diagnosis.candidates import SPREAD, STEP, cell, free_shape, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue
 from dynid_rs.diagnosis.open_file import checksum_of, read_open, to_json
 from dynid_rs.diagnosis.open_questions import Answer, Question
@@ -372,24 +372,24 @@ def test_behind_a_candidate_stands_what_its_torque_changes_by_with_its_shape(fou
         value = dict(candidate.shape)[name]
         moved = [value + d if name == "phase" else value * (1 + d) for d in (-STEP, STEP)]
         low, high = (catalogue.torque(own.with_shape(name, x), candidate.unit * candidate.mean)[j] for x in moved)
-        assert_allclose(slope, spread(parameter, value) * (high - low) / (2 * STEP), atol=1e-9 * np.abs(slope).max())
+        assert_allclose(slope, SPREAD * (high - low) / (2 * STEP), atol=1e-9 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize(
     ("kind", "name", "value", "at"), [("counterbalance", "phase", 0.0, 0.1), ("torque_ripple", "cycles", 8.5, 2.3)]
 )
-def test_spreads_about_all_values_of_a_grid_are_even(kind, name, value, at):
+def test_cells_about_all_values_of_a_grid_are_even(kind, name, value, at):
     """Together they are as high as one over the step: a shape between two values is as likely as one of them."""
     (parameter,) = (p for p in CATALOGUE[kind]["shape"] if p["name"] == name)
     grid = np.array(parameter["grid"]) if parameter["scale"] == "linear" else np.log(parameter["grid"])
-    z = (at - grid) / spread(parameter, value)
-    density = np.sum(np.exp(-(z**2) / 2)) / np.sqrt(2 * np.pi) / spread(parameter, value)
+    z = (at - grid) / cell(parameter, value)
+    density = np.sum(np.exp(-(z**2) / 2)) / np.sqrt(2 * np.pi) / cell(parameter, value)
     assert density == pytest.approx((len(grid) - 1) / np.ptp(grid), rel=0.15)
 
 
 def test_the_size_of_a_shape_that_stands_alone_may_be_half_as_much_again():
     (parameter,) = (p for p in CATALOGUE["counterbalance"]["shape"] if p["name"] == "gas_length")
-    assert spread(parameter, -1.5) == LONE < spread(parameter, 10.0)
+    assert cell(parameter, -1.5) == SPREAD < cell(parameter, 10.0)
 
 
 def test_the_search_looks_at_the_least_certain_questions(asked):

@@ -7,6 +7,7 @@ same with quite another shape, that one is a candidate beside it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,10 +25,9 @@ FloatArray = NDArray[np.float64]
 
 PHASE = "phase"
 """The shape parameter that is an angle."""
-STEP = 0.1
-"""Of slopes, in the logarithm of a shape parameter or in its own unit."""
-LONE = 0.5
-"""How far a shape parameter may be off beforehand whose value stands alone in its grid."""
+SPREAD, STEP = 0.5, 0.1
+"""How far a shape parameter of a candidate may be off beforehand (as a logarithm where it has a scale), over the gaps
+between the few that are kept; and the step of slopes."""
 SHAPES, ALIVE = 6, 6.0
 """Shapes of a kind that are kept at most, and nats behind the best up to which one is: e^6 to 1 is refuted."""
 LOOKED_AT = 48
@@ -109,11 +109,11 @@ def _free(width: int) -> FloatArray:
 
 
 def distance(one: Shaped, other: Shaped) -> float:
-    """Of two shapes of a kind, in spreads of each parameter; what is not searched is the same or another shape."""
+    """Of two shapes of a kind, in spreads; where a parameter differs that is not searched they are far apart."""
     free, apart = {parameter["name"]: parameter for parameter in searched(one.kind)}, [0.0]
     for (name, a), (_, b) in zip(one.shape, other.shape, strict=True):
         if a != b:
-            apart.append(_between(free[name], a, b) / spread(free[name], a) if name in free else np.inf)
+            apart.append(_between(free[name], a, b) / SPREAD if name in free else np.inf)
     return float(np.linalg.norm(apart))
 
 
@@ -124,8 +124,8 @@ def _between(parameter: Parameter, a: float, b: float) -> float:
     return abs((a - b + np.pi) % (2 * np.pi) - np.pi) if parameter["name"] == PHASE else abs(a - b)
 
 
-def spread(parameter: Parameter, value: float) -> float:
-    """How far a shape parameter may be from its value in the grid beforehand, as a logarithm where it has a scale.
+def cell(parameter: Parameter, value: float) -> float:
+    """How far a shape parameter may be from the next value of the whole grid, as a logarithm where it has a scale.
 
     Normal distributions about all values of an even grid add up to the density of its cells, one over the step, where
     they are as wide as the step over the root of two pi.
@@ -133,15 +133,21 @@ def spread(parameter: Parameter, value: float) -> float:
     scaled = parameter["scale"] == "log"
     grid = [np.log(abs(x)) if scaled else x for x in parameter["grid"] if not scaled or x * value > 0]
     if len(grid) < 2:
-        return LONE
+        return SPREAD
     return float(np.ptp(grid)) / (len(grid) - 1) / math.sqrt(2 * math.pi)
 
 
-def with_slopes(catalogue: Catalogue, h: Candidate | Hypothesis, mean: FloatArray, columns: Columns) -> Columns:
+def with_slopes(
+    catalogue: Catalogue,
+    h: Candidate | Hypothesis,
+    mean: FloatArray,
+    columns: Columns,
+    spread: Callable[[Parameter, float], float] = lambda parameter, value: SPREAD,
+) -> Columns:
     """Columns of a kind, and behind them what its torque changes by where its shape is a little another one.
 
     Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
-    `mean` (k,) of its own coefficients, over their units.
+    `mean` (k,) of its own coefficients, over their units; `spread` of each parameter beforehand.
     """
     free = free_shape(h) if h.kind in CATALOGUE else []
     if not free:

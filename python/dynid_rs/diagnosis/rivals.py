@@ -18,7 +18,7 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.candidates import distance, size_of, with_slopes
+from dynid_rs.diagnosis.candidates import cell, distance, size_of, with_slopes
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.shaped import Place, Shaped, shaped_as
@@ -84,14 +84,15 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     _, columns = beside.evidence_for(replace(h, sizes=SIZES))
     best, width = beside.with_columns(columns).best, len(h.unit)
     z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
-    wide = with_slopes(catalogue, replace(h, unit=size_of(h, columns) * h.unit), best.x[-width:], columns)
+    sized = replace(h, unit=size_of(h, columns) * h.unit)
+    wide = with_slopes(catalogue, sized, best.x[-width:], columns, spread=cell)
     after = best if wide is columns else beside.with_columns(wide).best
     value = after.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
     shapes = [s for s in catalogue.grid if (s.kind, s.joints) == h.place]
     if shapes:
         own = Shaped(h.kind, h.joints, h.shape)
-        cell = min(shapes, key=lambda s: distance(s, own))
-        others = catalogue.of([s for s in shapes if s != cell])
+        nearest = min(shapes, key=lambda s: distance(s, own))
+        others = catalogue.of([s for s in shapes if s != nearest])
         scores = [score.value for score in beside.screened([h, *others])]
         value += float(logsumexp(scores) - scores[0] - np.log(len(shapes)))
     return Value(value, h, columns)
