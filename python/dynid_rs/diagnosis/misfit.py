@@ -3,28 +3,25 @@
 A name says that a torque is one function, up to its coefficients and shape. In the place of a right one a function
 without a name, which pays for every wave, is far less probable, and beside it no more probable than none; in the place
 of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is not. Ripple returns: where that was not
-seen, it is any function too; a cylinder whose force may be none while its shape is open may be another one. The torque
-is kept, for it predicts, and its cause is called unknown.
+seen, it is any function too; a cylinder whose shape ends where the kind's do may be another one. The torque is kept,
+for it predicts, and its cause is called unknown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis
 from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shaped import Place, Shaped
-from dynid_rs.diagnosis.shapes import searched
-from dynid_rs.diagnosis.standing import may_be
+from dynid_rs.diagnosis.shapes import is_at_an_end
 from dynid_rs.diagnosis.waves import SMOOTHER, Argument, same_angles, smoother, waves
 from dynid_rs.model.placed import CATALOGUE
 
@@ -40,8 +37,8 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     """Places of names that a function of their own angle does as well as, and what that is a function of.
 
     So does one in the place of ripple that was not seen again. Where the data refute neither the name nor a function of
-    the joint's own angle, or what they show of a law is any curve's too (ripple not seen again, a size that may be none
-    while the shape is open), the name is one of two answers: the function is its tie (`Named.another_function`).
+    the joint's own angle, or what they show of a law is any curve's too (ripple not seen again, a shape at the end of
+    what the kind may have), the name is one of two answers: the function is its tie (`Named.another_function`).
     Several names of functions of one angle are that only together, where all of them are open.
 
     `contests` (`settle_rivals`) hold the model without each torque, and what the torque is worth there.
@@ -49,7 +46,6 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     n = belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
     undecided: dict[Place, float] = {}
-    numbers = cache(lambda: estimates(belief))  # for laws with an open shape alone, which few models have
     for place, against in contests.items():
         kind, joints = place
         arguments, turning = same_angles(kind, joints[0], n)
@@ -63,8 +59,9 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
             found[place] = arguments[at]
         if place not in belief.named:
             continue  # believed from the beginning
-        times = belief.catalogue.times_round(Shaped(kind, joints, against.own.hypothesis.shape))
-        was_seen = times >= SEEN_AGAIN and (np.isfinite(times) or _has_a_size(place, numbers))
+        shaped = Shaped(kind, joints, against.own.hypothesis.shape)
+        times = belief.catalogue.times_round(shaped)
+        was_seen = times >= SEEN_AGAIN and not is_at_an_end(shaped)
         if times < SEEN_AGAIN:
             found.setdefault(place, arguments[0])
         if beside <= SURE and ((at == 0 and abs(odds) <= SURE) or (odds < -SURE and not was_seen)):
@@ -75,14 +72,6 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
         if all(other in undecided for other in here):  # else they are parts of one
             belief.named[place] = replace(belief.named[place], another_function=odds)
     return found
-
-
-def _has_a_size(place: Place, numbers: Callable[[], Mapping[Place, Sequence[Estimate]]]) -> bool:
-    """Whether the size of a law of an angle is told from zero with its shape unknown: else it is one of many curves."""
-    if not (_is_of_the_angle(place[0]) and searched(place[0])):
-        return True
-    coefficients = {coefficient["name"] for coefficient in CATALOGUE[place[0]]["coefficients"]}
-    return any(not may_be(0.0, number.interval) for number in numbers()[place] if number.name in coefficients)
 
 
 def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis]) -> tuple[float, int]:

@@ -16,6 +16,8 @@ Parameter = dict[str, Any]
 
 MOST_TRIES = 40
 """Shapes that are tried; the evidence is smooth near its best."""
+CLOSE = 0.02
+"""Steps of the search that are none, in its own coordinates: octaves where a parameter has a scale."""
 
 
 def searched(kind: str) -> list[Parameter]:
@@ -27,6 +29,16 @@ def in_range(parameter: Parameter, value: float) -> bool:
     """Whether a value is one that a shape parameter may have; what has a scale may be of either sign."""
     size = abs(value) if parameter["scale"] == "log" else value
     return bool(parameter["lowest"] < size < parameter["highest"])
+
+
+def is_at_an_end(s: Shaped) -> bool:
+    """Whether a size among the searched parameters is where the kind's shapes end: the data want one beyond them."""
+    return any(
+        not in_range(parameter, dict(s.shape)[parameter["name"]] * factor)
+        for parameter in searched(s.kind)
+        if parameter["scale"] == "log"
+        for factor in (2.0**-CLOSE, 2.0**CLOSE)
+    )
 
 
 def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hypothesis:
@@ -78,6 +90,6 @@ def _near(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> tuple
 
     steps = [0.5 if p["scale"] == "log" else 0.1 for p in free]
     simplex = np.concatenate([np.zeros((1, len(free))), np.diag(steps)])
-    options: Any = {"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": 0.02, "fatol": 0.05}
+    options: Any = {"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": CLOSE, "fatol": 0.05}
     minimize(less, np.zeros(len(free)), method="Nelder-Mead", options=options)
     return best
