@@ -33,11 +33,11 @@ def test_ripple_has_to_go_round_twice(monkeypatch, times, nameless):
         catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else float("inf")),
     )
     belief.named = {(e.kind, e.joints): Named(None, 90.0) for e in effects}
-    contest = SimpleNamespace(beside=None, own=SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=())))
-    found = misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects})
+    contests = {(e.kind, e.joints): SimpleNamespace(beside=None, own=own_of(e.kind)) for e in effects}
+    found = misfit.nameless(belief, contests)
     angle = of_signal(("q", 1))
     belief.named.clear()  # all were declared
-    assert misfit.nameless(belief, {(e.kind, e.joints): contest for e in effects}) == {}
+    assert misfit.nameless(belief, contests) == {}
     assert found == ({("torque_ripple", (1,)): angle, ("joint_spring", (1,)): angle} if nameless else {})
 
 
@@ -92,28 +92,32 @@ def test_ripple_that_was_not_seen_again_may_be_any_function(monkeypatch, in_its_
 
 
 @pytest.mark.parametrize(
-    ("interval", "tied"), [((0.0, 3.0), -10.0), (None, -10.0), ((1.0, 3.0), None)], ids=["none", "not known", "told"]
+    ("shape", "tied"),
+    [({"b": 0.66}, -10.0), ({"b": 0.0201}, -10.0), ({"gas_length": -99.0}, -10.0), ({"phase": 3.99}, None), ({}, None)],
+    ids=["as long a lever", "as short a lever", "as long a column that pushes", "a turn has no end", "between"],
 )
-def test_a_cylinder_whose_force_may_be_none_while_its_shape_is_open_may_be_any_function(monkeypatch, interval, tied):
+def test_a_cylinder_whose_shape_ends_where_those_of_the_kind_do_may_be_any_function(monkeypatch, shape, tied):
     """Its torque stays a law's: the links are fitted beside it."""
     place = ("counterbalance", (0,))
-    numbers = [
-        SimpleNamespace(name="counterbalance", interval=interval),
-        SimpleNamespace(name="b", interval=(1.0, 2.0)),
-    ]
-    monkeypatch.setattr(misfit, "estimates", lambda _: {place: numbers})
-    found, named = without_a_name(monkeypatch, (-1.0, 0), {place: (90.0, 0)})
+    found, named = without_a_name(monkeypatch, (-1.0, 0), {place: (90.0, 0)}, shape=shape)
     assert found == {}
     assert named[place].another_function == tied
 
 
-@pytest.fixture(autouse=True)
-def sizes_that_are_told(monkeypatch):
-    told = [SimpleNamespace(name="counterbalance", interval=(1.0, 3.0))]
-    monkeypatch.setattr(misfit, "estimates", lambda belief: dict.fromkeys(belief.named, told))
+SHAPES = {
+    "counterbalance": {"a": 1.0, "b": 0.3, "phase": 0.5, "gas_length": 10.0},
+    "torque_ripple": {"cycles": 7.0},
+    "joint_spring": {"rest_position": 0.0},
+    "friction_hysteresis": {"presliding_distance": 0.01},
+}
 
 
-def without_a_name(monkeypatch, beside, in_its_place, times=9.0, declared=()):
+def own_of(kind, shape=()):
+    """What a torque is worth in its place, with its shape."""
+    return SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=tuple((SHAPES[kind] | dict(shape)).items())))
+
+
+def without_a_name(monkeypatch, beside, in_its_place, times=9.0, declared=(), shape=()):
     """Places without a name and all names, of which each is worth 100; functions' evidence and places in the lists."""
     monkeypatch.setattr(misfit, "waves", lambda *_, **__: None)
     monkeypatch.setattr(misfit, "_likeliest", lambda model, *_: beside if model is None else model)
@@ -124,8 +128,9 @@ def without_a_name(monkeypatch, beside, in_its_place, times=9.0, declared=()):
         catalogue=SimpleNamespace(times_round=lambda s: times if s.kind == "torque_ripple" else np.inf),
         named={place: Named(None, 90.0) for place in in_its_place if place not in declared},
     )
-    own = SimpleNamespace(value=100.0, hypothesis=SimpleNamespace(shape=()))
-    contests = {place: SimpleNamespace(beside=value, own=own) for place, value in in_its_place.items()}
+    contests = {
+        place: SimpleNamespace(beside=value, own=own_of(place[0], shape)) for place, value in in_its_place.items()
+    }
     return misfit.nameless(belief, contests), belief.named
 
 
