@@ -104,6 +104,13 @@ def test_a_cylinder_whose_shape_ends_where_those_of_the_kind_do_may_be_any_funct
     assert named[place].another_function == tied
 
 
+def test_what_has_a_memory_is_no_function_of_an_angle_wherever_its_shape_ends(monkeypatch):
+    place = ("friction_hysteresis", (0,))
+    found, named = without_a_name(monkeypatch, (-np.inf, 0), {place: (-np.inf, 0)}, shape={"presliding_distance": 2.91e-4})
+    assert found == {}
+    assert named[place].another_function is None
+
+
 SHAPES = {
     "counterbalance": {"a": 1.0, "b": 0.3, "phase": 0.5, "gas_length": 10.0},
     "torque_ripple": {"cycles": 7.0},

@@ -49,6 +49,8 @@ def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, A
     for place, against in contests.items():
         kind, joints = place
         arguments, turning = same_angles(kind, joints[0], n)
+        if not arguments:
+            continue  # it is no function of an angle
         functions = [waves(belief.catalogue, joints[0], [argument], turning=turning) for argument in arguments]
         beside, at = _likeliest(belief.beside, belief.catalogue, functions)
         if beside > SURE:
@@ -79,12 +81,12 @@ def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothes
 
     The joint's own angle, which comes first, is one place; all its sums with others are another.
     """
-    scores = [score.value for score in model.screened(functions)] if functions else []
+    scores = [score.value for score in model.screened(functions)]
     tries = [
         (_averaged(model, catalogue, functions[k]) - (float(np.log(len(functions) - 1)) if k else 0.0), k)
         for k in np.argsort(scores)[::-1][:LOOKED_AT].tolist()
     ]
-    return max(tries, default=(-np.inf, 0))
+    return max(tries)
 
 
 def _averaged(model: Beside, catalogue: Catalogue, function: Hypothesis) -> float:
