@@ -106,7 +106,8 @@ def test_a_cylinder_whose_shape_ends_where_those_of_the_kind_do_may_be_any_funct
 
 def test_what_has_a_memory_is_no_function_of_an_angle_wherever_its_shape_ends(monkeypatch):
     place = ("friction_hysteresis", (0,))
-    found, named = without_a_name(monkeypatch, (-np.inf, 0), {place: (-np.inf, 0)}, shape={"presliding_distance": 2.91e-4})
+    none = (-np.inf, 0)
+    found, named = without_a_name(monkeypatch, none, {place: none}, shape={"presliding_distance": 2.91e-4})
     assert found == {}
     assert named[place].another_function is None
 
