@@ -387,7 +387,7 @@ def test_cells_about_all_values_of_a_grid_are_even(kind, name, value, at):
     assert density == pytest.approx((len(grid) - 1) / np.ptp(grid), rel=0.15)
 
 
-def test_the_size_of_a_shape_that_stands_alone_may_be_half_as_much_again():
+def test_a_value_that_stands_alone_in_its_grid_has_the_spread_of_candidates():
     (parameter,) = (p for p in CATALOGUE["counterbalance"]["shape"] if p["name"] == "gas_length")
     assert cell(parameter, -1.5) == SPREAD < cell(parameter, 10.0)
 
@@ -462,7 +462,7 @@ def function(joint, span, n=1):
     ("spoil", "said"),
     [
         (lambda c: c | {"format": "else"}, '"format" must be'),
-        (lambda c: c | {"version": 9}, '"version" must be 4, found 9'),
+        (lambda c: c | {"version": 9}, '"version" must be 5, found 9'),
         (lambda c: c | {"joints": ["a"]}, "give the robot file that was diagnosed"),
         (lambda c: c | {"weights": [1.0]}, '"weights" must be 3 finite numbers'),
         (lambda c: c | {"noise": [1.0, 0.0, 1.0]}, '"noise" must be above zero'),

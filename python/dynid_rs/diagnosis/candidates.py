@@ -125,7 +125,7 @@ def _between(parameter: Parameter, a: float, b: float) -> float:
 
 
 def cell(parameter: Parameter, value: float) -> float:
-    """How far a shape parameter may be from the next value of the whole grid, as a logarithm where it has a scale.
+    """Standard deviation of a shape parameter about a value of the whole grid, as a logarithm where it has a scale.
 
     Normal distributions about all values of an even grid add up to the density of its cells, one over the step, where
     they are as wide as the step over the root of two pi.

@@ -37,7 +37,7 @@ from dynid_rs.regression.columns import Plan
 FloatArray = NDArray[np.float64]
 
 OPEN_FILE = "open.json"
-FORMAT, VERSION = "dynid-open", 4
+FORMAT, VERSION = "dynid-open", 5
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
 SAME_GRAVITY = 1e-6
